@@ -138,9 +138,9 @@ void CommonDPDDeviceKernel::compile() {
     defines["LANES"] = cc.intToString(device.lanes);
     defines["BLOCK"] = cc.intToString(device.block(true));
     defines["MAX_CUTOFF"] = cc.doubleToString(engine->reach());
-    string source = kernelSources[0];
+    string source = kernelSources[0]+kernelSources[1];
     if (engine->fluid.carries != NOTHING) // these take time to compile
-        source += kernelSources[1]+(engine->fluid.word.size() > 1 ? kernelSources[2] : "");
+        source += kernelSources[2]+(engine->fluid.word.size() > 1 ? kernelSources[3] : "");
     device.program = cc.compileProgram(source, defines);
 }
 

@@ -4,6 +4,7 @@
 //
 // A Device makes, fills and reads arrays, has OpenMM's own arrays of a Context, and runs a kernel with arguments one by one or in tuples.
 #include "../api/DPDDeviceForce.h"
+#include "Arguments.h"
 #include "Fields.h"
 #include "Tables.h"
 #include "openmm/Integrator.h"
@@ -166,7 +167,7 @@ public:
             phase = 0;
         bool inStep = phase == FORCE_SEEN || phase == FORCE_KEPT || phase >= SWEEP;
         Now now = at(context);
-        place();
+        fit();
         here = 0;
         owedSlow = 0;
         binned = standing = false;
@@ -179,7 +180,7 @@ public:
             throw OpenMM::OpenMMException("DPDDeviceForce: pair updates of what particles carry are those of whole steps alone");
         if (phase >= EXCHANGE) {
             needSeen();
-            device.template run<dpdExchange_>(position(), correction(), posB, corrB, device.velm(), phase%100 == 0 ? acc : seen, flags, number());
+            run<dpdExchange_>(place(), posB, corrB, device.velm(), phase%100 == 0 ? acc : seen);
             device.give();
             keep(now);
             return 0.0;
@@ -205,8 +206,8 @@ public:
         sumDensities(now, here, terms);
         fields.advance(stop(), 0, 0);
         if (inStep)
-            fields.flow(stop(), place_(), device.velm(), TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0);
-        device.template run<dpdEvaluate_>(position(), correction(), TERMS(now, now.dt, 0), CELLS(), device.force(), device.energy(), terms, flags, number(), DRIFT(0), BOX());
+            fields.flow(stop(), place(), device.velm(), termsOf(now, now.dt, 0), cellsOf(), boxOf(), now.dt, 0);
+        run<dpdEvaluate_>(place(), termsOf(now, now.dt, 0), cellsOf(), driftOf(0), boxOf(), device.force(), device.energy(), terms);
         if (inStep)
             look(now, false);
         return device.result(includeForces, includeEnergy);
@@ -233,7 +234,7 @@ public:
     // A whole step, from OpenMM's positions and velocities to OpenMM's.  Beside a word the forces of groups that are not fast kick before and after it.
     void step(OpenMM::ContextImpl& context, int others) {
         Now now = at(context);
-        place();
+        fit();
         here = 0;
         owedSlow = 0;
         auto& word = fluid.word;
@@ -386,7 +387,7 @@ private:
     // Velocities relative to the flow (sign -1) or with it again (1), to an array that may be the same
     void follow(Base& from, Base& to, int sign) {
         if (sheared())
-            device.template run<dpdFollow_>(position(), correction(), from, to, Mixed{sign*flow.w}, flags, number());
+            run<dpdFollow_>(place(), from, to, Mixed{sign*flow.w});
     }
 
     // Velocities as friction sees them
@@ -433,27 +434,27 @@ private:
     }
 
     // -- arguments -----------------------------------------------------------------------------------------------------------------
-    auto BOX() { return std::make_tuple(edges, inverse, tilt, width, grid[0], grid[1], grid[2], cellRoom); }
-    auto CELLS() { return std::tuple<Base&, Base&, Base&, Base&, Base&, int, int>(count[cells], beads[side], rests[side], motion[felt], walk, walked, share); }
-    auto FILL(const Now& now) {
+    auto boxOf() { return together(BOX_OF(GIVE)); }
+    auto cellsOf() { return together(CELLS_OF(GIVE)); }
+    auto fillOf(const Now& now) {
         double fastest = now.dt > 0 ? (thermostat ? fluid.maxCutoff()/now.dt : 1e15) : 0; // without friction any speed may be meant
-        return std::tuple<Base&, Base&, Base&, Base&, Base&, int, Mixed, Mixed>(count[next()], beads[1-side], rests[1-side], motion[1-felt], count[spare()], walked,
-            Mixed{fastest*fastest}, Mixed{100*now.kT});
+        return together(FILL_OF(GIVE));
     }
-    auto TERMS(const Now& now, double dt, int part) {
-        return std::tuple<Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, Base&, long long, long long, long long, Real, Real, Real>(device.index(), types, params,
-            more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, massOf, densities, fields.carrying, fields.shown,
-            (long long) noiseKey(now.seed, now.counter, now.kT, part), (long long) callKey({now.seed, now.counter}), (long long) bitsOf(now.kT)+part, Real{dt > 0 ? std::sqrt(2*(fluid.carries == HEAT ? 1 : now.kT)/dt) : 0}, Real{now.kT > 0 ? 1/std::sqrt(2*now.kT) : 0}, Real{flow.w});
-    }
-    auto DRIFT(double drift) {
-        return std::tuple<Mixed, Base&, Base&, Real, Base&, Mixed4, Mixed4, Mixed4>(Mixed{drift}, walls, behind, Real{fluid.behindReach}, impulses, swings[0], swings[1], flow);
-    }
+    auto kindsOf() { return together(KINDS_OF(GIVE)); }
+    auto termsOf(const Now& now, double dt, int part) { return together(TERMS_OF(GIVE)); }
+    auto driftOf(double drift) { return together(DRIFT_OF(GIVE)); }
+    auto othersOf(bool apart) { return together(OTHERS_OF(GIVE)); }
+    auto rowsOf() { return together(ROWS_OF(GIVE, READS)); }
+    auto solvesOf(double factor, double h) { return together(SOLVES_OF(GIVE)); }
+    auto place(int where) { return std::tuple<Base&, Base&>(position(where), correction(where)); }
+    auto place() { return place(here); }
 
     Base& position(int where) { return where == 2 ? (Base&) posC : where ? (Base&) posB : device.posq(); }
     Base& correction(int where) { return !where || !device.mixed() ? device.correction() : where == 2 ? (Base&) corrC : (Base&) corrB; }
-    auto place_() { return std::tuple<Base&, Base&>(position(), correction()); }
     Base& position() { return position(here); }
     Base& correction() { return correction(here); }
+
+    template <class Tag, class... T> void run(T&&... arguments) { device.template run<Tag>(flags, number(), std::forward<T>(arguments)...); }
 
     bool transverse() const { return *std::max_element(fluid.gammaAcross.begin(), fluid.gammaAcross.end()) > 0; }
 
@@ -468,7 +469,7 @@ private:
 
     // -- room ----------------------------------------------------------------------------------------------------------------------
     // As many cells as fit between the faces of the box; without a box as many as beads need, which repeat.
-    void place() {
+    void fit() {
         double reach = fluid.maxCutoff();
         int n[3];
         if (fluid.periodic) {
@@ -636,10 +637,10 @@ private:
             binned = false;
             bin(now);
             if (sweeping && fluid.carries != NOTHING)
-                fields.list(stop(), place_(), TERMS(now, now.dt, 0), CELLS(), BOX(), rowCount, rows, 0);
+                fields.list(stop(), place(), termsOf(now, now.dt, 0), cellsOf(), boxOf(), rowCount, rows, 0);
             else if (sweeping)
-                device.template run<dpdRows_>(position(), correction(), device.velm(), TERMS(now, now.dt, 0), CELLS(), rowCount, rows, rowsAcross, 0, random, u, res,
-                    Mixed{0.5*now.dt}, Real{1/rate(now)}, flags, number(), BOX());
+                run<dpdRows_>(place(), termsOf(now, now.dt, 0), cellsOf(), boxOf(), rowsOf(), 0, device.velm(), random, u, res, Mixed{0.5*now.dt},
+                    Real{1/rate(now)});
         } while (look(now, true));
         begun = true;
     }
@@ -678,13 +679,13 @@ private:
             then.kT = haveKept && !asked ? keptKT : now.kT;
             fields.advance(stop(), 0, 0);
             kick(context, then, others, 0, 0, &device.velm());
-            fields.flow(stop(), place_(), device.velm(), TERMS(then, now.dt, 0), CELLS(), BOX(), now.dt, 0);
+            fields.flow(stop(), place(), device.velm(), termsOf(then, now.dt, 0), cellsOf(), boxOf(), now.dt, 0);
         }
         fields.advance(stop(), 0.5*now.dt, (fluid.hasTemperatures() ? lam : 0.5)*now.dt); // LAMMPS predicts temperatures alone
         move(now, 0.5, 1, lam);
         now.counter++;
         kick(context, now, others, 0.5, 0, &seen);
-        fields.flow(stop(), place_(), seen, TERMS(now, now.dt, 0), CELLS(), BOX(), now.dt, 0.5*now.dt);
+        fields.flow(stop(), place(), seen, termsOf(now, now.dt, 0), cellsOf(), boxOf(), now.dt, 0.5*now.dt);
         if (lam != 0.5) // what programs keep has the flow in it
             follow(seen, seen, 1);
         keep(now);
@@ -694,7 +695,7 @@ private:
     bool renewed(OpenMM::ContextImpl& context, int others) {
         if (!evaluateAll(context, others))
             return false;
-        device.template run<dpdRenew_>(device.force(), beside, alone, external, (int) partial(), device.index(), device.velm(), acc, flags, number());
+        run<dpdRenew_>(othersOf(partial()), device.index(), device.velm(), acc);
         return true;
     }
 
@@ -716,7 +717,7 @@ private:
     bool moved() {
         if (!device.touched())
             return false;
-        device.template run<dpdCompare_>(position(), correction(), posB, corrB, flags, number());
+        run<dpdCompare_>(place(), posB, corrB);
         std::vector<int> f(FLAGS);
         device.download(flags, f);
         return f[MOVED] == launch;
@@ -748,13 +749,13 @@ private:
             flow = {0, 0, 0, 0};
         bool copy = copies && drift != 0;
         int moves = predict >= 0 ? 2 : copy ? 3 : kick != 0 || drift != 0 || owedSlow != 0 || here == 1;
-        Base &from = position(), &fromCorr = correction();
+        int from = here;
         if (moves) {
             here = 0;
             copied = copy;
         }
-        device.template run<dpdMove_>(from, fromCorr, position(), correction(), sees ? *sees : device.velm(), acc, seen, Mixed{kick*now.dt}, Mixed{predict*now.dt}, moves,
-            accSlow, Mixed{owedSlow*now.dt}, position(1), correction(1), device.index(), types, wallVelocity, FILL(now), flags, number(), DRIFT(drift*now.dt), BOX());
+        run<dpdMove_>(place(from), place(), place(1), kindsOf(), fillOf(now), driftOf(drift*now.dt), boxOf(), sees ? *sees : device.velm(), acc, seen, accSlow,
+            Mixed{kick*now.dt}, Mixed{predict*now.dt}, Mixed{owedSlow*now.dt}, moves);
         seenBy = sees ? sees : predict >= 0 ? (Base*) &seen : &device.velm();
         bounded = true;
         owedSlow = 0;
@@ -775,9 +776,8 @@ private:
         bool drifts = drift != 0 && !sheared() && (away || copied); // images slide on in a launch of its own
         int from = drifts && !away ? copied : here, to = drifts ? (away ? 1-here : 0) : friction ? 1-here : here, copy = drifts && !away ? 3-copied : 1;
         sumDensities(now, from, terms);
-        device.template run<dpdKick_>(position(from), correction(from), position(to), correction(to), device.velm(), acc, device.force(),
-            others ? 1+(int) haveBeside : 0, beside, alone, external, (int) partial(), terms, Mixed{kick*now.dt}, drifts ? (away ? 1 : 3) : friction ? 2 : 0, position(copy), correction(copy),
-            TERMS(now, friction ? now.dt : 0, 0), CELLS(), FILL(now), flags, number(), DRIFT(drifts ? drift*now.dt : 0), BOX());
+        run<dpdKick_>(place(from), place(to), place(copy), termsOf(now, friction ? now.dt : 0, 0), cellsOf(), fillOf(now), driftOf(drifts ? drift*now.dt : 0), boxOf(),
+            othersOf(partial()), device.velm(), acc, Mixed{kick*now.dt}, others ? 1+(int) haveBeside : 0, terms, drifts ? (away ? 1 : 3) : friction ? 2 : 0);
         bounded = true;
         if (!friction)
             seenBy = &device.velm();
@@ -795,7 +795,7 @@ private:
     // Densities at binned positions, which conservative terms (1) of many bodies depend on
     void sumDensities(const Now& now, int where, int terms) {
         if (manyBody() && terms&1)
-            device.template run<dpdDensity_>(position(where), correction(where), TERMS(now, 0, 0), CELLS(), densities, flags, number(), BOX());
+            run<dpdDensity_>(place(where), termsOf(now, 0, 0), cellsOf(), boxOf(), densities);
     }
 
     // accSlow = F/m with these forces of others alone, v += kick*accSlow at positions in their place; returns whether the beads have the order they had
@@ -806,8 +806,8 @@ private:
         bool same = evaluate(context, groups);
         if (!same || !binned)
             move(now, 0, 0);
-        device.template run<dpdKick_>(position(), correction(), position(), correction(), device.velm(), accSlow, device.force(), 1, beside, alone, external, 0, 0,
-            Mixed{kick*now.dt}, 0, position(1), correction(1), TERMS(now, 0, 0), CELLS(), FILL(now), flags, number(), DRIFT(0), BOX());
+        run<dpdKick_>(place(), place(), place(1), termsOf(now, 0, 0), cellsOf(), fillOf(now), driftOf(0), boxOf(), othersOf(false), device.velm(), accSlow,
+            Mixed{kick*now.dt}, 1, 0, 0);
         felt = 1-felt;
         seenBy = &device.velm();
         return same;
@@ -820,7 +820,7 @@ private:
         if (sheared() && !toForce)
             follow(device.velm(), device.velm(), -1);
         if (fluid.carries != NOTHING) {
-            fields.sweep(stop(), place_(), TERMS(now, now.dt, 0), CELLS(), BOX(), rowCount, rows, rowRoom, rounds, exact, part*now.dt, now.kT);
+            fields.sweep(stop(), place(), termsOf(now, now.dt, 0), cellsOf(), boxOf(), rowCount, rows, rowRoom, rounds, exact, part*now.dt, now.kT);
             seenBy = nullptr;
             follow(device.velm(), device.velm(), 1);
             if (kick != 0 || drift != 0 || here == 1)
@@ -842,21 +842,20 @@ private:
             Base &vel = toForce && k > 0 ? (Base&) seen : start, &velNew = toForce ? (Base&) seen : device.velm();
             if (k > 0) // for velocities in cells
                 move(now, 0, 0, -1, &vel);
-            device.template run<dpdRows_>(position(), correction(), vel, TERMS(now, h, k), CELLS(), rowCount, rows, rowsAcross, rowRoom, random, u, res, Mixed{0.5*h},
-                Real{1/rate(now)}, flags, number(), BOX());
+            run<dpdRows_>(place(), termsOf(now, h, k), cellsOf(), boxOf(), rowsOf(), rowRoom, vel, random, u, res, Mixed{0.5*h}, Real{1/rate(now)});
             int launches = 0;
             while (launches+2 < MOST_PASSES && factor*expected > passRange[launches+1])
                 launches++;
             for (int pass = 0; pass < launches; pass++)
-                device.template run<dpdPass_>(rowCount, rows, rowsAcross, u, pass == 0 ? res : res2, res2, pass%2 ? d1 : res, pass%2 ? res : d1, flags, number(),
-                    limits, weights, Real{factor}, Mixed{0.5*h}, pass);
+                run<dpdPass_>(rowsOf(), solvesOf(factor, h), u, pass == 0 ? res : res2, res2, pass%2 ? d1 : res, pass%2 ? res : d1, pass);
             seenBy = nullptr;
             bounded = false;
             bool moves = last && !toForce && !sheared() && (drift != 0 || here == 1), drags = last && !toForce && !fluid.behind.empty();
             int to = moves ? 0 : here;
-            device.template run<dpdFinish_>(position(), correction(), position(to), correction(to), vel, velNew, acc, rowCount, rows, rowsAcross, random, u, res, d1, flags, number(),
-                limits, weights, Real{factor}, launches, device.force(), toForce ? pieces : 0, Mixed{0.5*h}, Mixed{last ? kick*now.dt : 0}, moves ? drift != 0 ? 2 : 1 : 0,
-                device.index(), types, wallVelocity, cubics, Mixed{drags ? part*now.dt : 0}, Mixed{now.kT}, (long long) callKey({now.seed, now.counter, 1ULL<<32, bitsOf(now.kT)}), FILL(now), DRIFT(last ? drift*now.dt : 0), BOX());
+            long long key = (long long) callKey({now.seed, now.counter, 1ULL<<32, bitsOf(now.kT)});
+            run<dpdFinish_>(place(), place(to), kindsOf(), fillOf(now), driftOf(last ? drift*now.dt : 0), boxOf(), rowsOf(), solvesOf(factor, h), vel, velNew, acc,
+                random, u, res, d1, device.force(), cubics, Mixed{last ? kick*now.dt : 0}, Mixed{drags ? part*now.dt : 0}, Mixed{now.kT}, key, launches,
+                toForce ? pieces : 0, moves ? drift != 0 ? 2 : 1 : 0);
             if (moves) // rows hold all that is needed of positions: no other bead reads them
                 here = copied = 0;
             if (moves && drift != 0) {

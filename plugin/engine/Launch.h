@@ -12,8 +12,9 @@ struct Real { double value; };
 struct Mixed { double value; };
 struct Mixed4 { double x, y, z, w; };
 
-// Arguments as one tuple: those that are tuples are taken apart.
+// Arguments as one tuple, of references to what stays: those that are tuples are taken apart.
 template <class T> std::tuple<T&&> flat(T&& value) { return std::tuple<T&&>(std::forward<T>(value)); }
+template <class... T> std::tuple<T...> together(T&&... values) { return std::tuple<T...>(std::forward<T>(values)...); }
 template <class... T> std::tuple<T...> flat(std::tuple<T...> values) { return values; }
 
 // Whether several threads may share a bead is said of each.

@@ -1,27 +1,31 @@
-// What beads carry: heat, as temperatures (openmm_dpd/model/edpd.py) or as energies (energy_dpd.py), or species that diffuse (tdpd.py).  Three values
-// of a bead are in a block, and a block of all beads in the order of their numbers, which OpenMM never changes.
+// What beads carry: heat, as temperatures (openmm_dpd/model/edpd.py) or as energies (energy_dpd.py), or species that
+// diffuse (tdpd.py).  Three values of a bead are in a block, and a block of all beads in the order of their numbers,
+// which OpenMM never changes.
 //
-// Flows between two beads are computed from both sides with the same bits up to the sign, and sums of fixed-point numbers keep what flows.
+// Flows between two beads are computed from both sides with the same bits up to the sign, and sums of fixed-point
+// numbers keep what flows.
 
 DEVICE real dpdClamped(real x) {
     return min((real) 5, max((real) -5, x));
 }
 
-// Equations of state (openmm_dpd/kernels/eos.py).  Rows of `states`: of each bead its heat capacity and a mark; of a reservoir its temperature; with a
-// curve the number of pieces, and the first one in place of the mark.  Then two of each piece, and of the end of a curve: energy and entropy at its
-// left end; and 1/temperature from there on, a cubic in the energy, highest power first.
+// Equations of state (openmm_dpd/kernels/eos.py).  Rows of `states`: of each bead its heat capacity and a mark; of a
+// reservoir its temperature; with a curve the number of pieces, and the first one in place of the mark.  Then two of
+// each piece, and of the end of a curve: energy and entropy at its left end; and 1/temperature from there on, a cubic
+// in the energy, highest power first.
 #define CONSTANT_CAPACITY -1
 #define RESERVOIR -2
 
 // The least or (upper: 1) the largest energy of a bead
-DEVICE mixed dpdBound(mixed4 s, int upper, GLOBAL const mixed4* RESTRICT states) {
+DEVICE mixed dpdBound(mixed4 s, int upper, READS(mixed4) states) {
     if (s.y >= 0)
         return states[NUM_ATOMS+2*((int) s.y+upper*(int) s.x)].x;
     return upper ? (mixed) 1e30 : s.y == CONSTANT_CAPACITY ? (mixed) 1e-30 : (mixed) -1e30;
 }
 
-// 1/temperature, minus its slope, and the entropy of a bead with an energy; with a curve that of the nearest end, if it is out of range
-DEVICE mixed3 dpdState(mixed u, mixed4 s, GLOBAL const mixed4* RESTRICT states) {
+// 1/temperature, minus its slope, and the entropy of a bead with an energy; with a curve that of the nearest end, if it
+// is out of range
+DEVICE mixed3 dpdState(mixed u, mixed4 s, READS(mixed4) states) {
     if (s.y == CONSTANT_CAPACITY)
         return make_mixed3(s.x/u, s.x/(u*u), s.x*log(u));
     if (s.y == RESERVOIR)
@@ -40,22 +44,22 @@ DEVICE mixed3 dpdState(mixed u, mixed4 s, GLOBAL const mixed4* RESTRICT states) 
     return make_mixed3(((c.x*d+c.y)*d+c.z)*d+c.w, -((3*c.x*d+2*c.y)*d+c.z), from.y+(((c.x/4*d+c.y/3)*d+c.z/2)*d+c.w)*d);
 }
 
-DEVICE bool dpdInRange(mixed u, mixed4 s, GLOBAL const mixed4* RESTRICT states) {
+DEVICE bool dpdInRange(mixed u, mixed4 s, READS(mixed4) states) {
     return u >= dpdBound(s, 0, states) && u <= dpdBound(s, 1, states);
 }
 
 // The temperature of a bead with these energies, 0 if there is none
-DEVICE mixed dpdTemperature(mixed4 value, mixed4 s, GLOBAL const mixed4* RESTRICT states) {
+DEVICE mixed dpdTemperature(mixed4 value, mixed4 s, READS(mixed4) states) {
     mixed u = value.x+value.y+value.z;
     return dpdFinite(u) && dpdInRange(u, s, states) ? 1/dpdState(u, s, states).x : 0;
 }
 
 // Excluded neighbours exchange nothing; other factors of bonded ones are those of friction alone.
 
-// Heat that flows to a bead from a partner; and in `rubbed` what friction and noise between them give to it.
-// Rows of `carrying`: kappa, exponent and 1/cutoff of conduction, exponent of friction; polynomials of the latter and of kappa.
-DEVICE real dpdHeat(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL const mixed4* RESTRICT vel, TERMS,
-        GLOBAL const real* RESTRICT capacities, real perRootDt, GLOBAL int* RESTRICT flags, int launch, real* rubbed) {
+// Heat that flows to a bead from a partner; and in `rubbed` what friction and noise between them give to it. Rows of
+// `carrying`: kappa, exponent and 1/cutoff of conduction, exponent of friction; polynomials of the latter and of kappa.
+DEVICE real dpdHeat(DPDBead* self, DPDBead* other, real3 delta, real r2, READS(mixed4) vel, TERMS,
+        READS(real) capacities, real perRootDt, HALTS, real* rubbed) {
     real invR = RSQRT(r2), r = r2*invR;
     int index = self->index, partner = other->index, row = ROW(0);
     bool lower = index < partner;
@@ -68,7 +72,8 @@ DEVICE real dpdHeat(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL 
     real xi = dpdNormal(pair, cubics), w = 1-r*params[row].z, wT = 1-r*carrying[row*CARRYING_ROWS].z;
     if (w > 0 && !(LAMMPS && wT <= 0)) {
         real mine = INVERSE_MASS(vel, self->i), theirs = INVERSE_MASS(vel, other->i);
-        real along = invR*(delta.x*(self->v.x-other->v.x)+delta.y*(self->v.y-other->v.y)+delta.z*(self->v.z-other->v.z));
+        real along = invR*(delta.x*(self->v.x-other->v.x)+delta.y*(self->v.y-other->v.y)
+            +delta.z*(self->v.z-other->v.z));
         if (SHEARED)
             along += slide*delta.y*invR*delta.x;
         real3 warm = dpdWarm(row, index, partner, w, carrying, carried);
@@ -76,7 +81,8 @@ DEVICE real dpdHeat(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL 
         if (ENERGIES)
             s /= SQRT(warm.y);
         if (LAMMPS)
-            *rubbed = s*(s*(along*along-2*(lower ? mine : theirs)*warm.y)-(real) 1.4142135623730951*shaken)/(capacities[index]+capacities[partner]);
+            *rubbed = s*(s*(along*along-2*(lower ? mine : theirs)*warm.y)-(real) 1.4142135623730951*shaken)
+                /(capacities[index]+capacities[partner]);
         else {
 #ifdef EXCEPTIONS
             s *= SQRT(f);
@@ -87,7 +93,8 @@ DEVICE real dpdHeat(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL 
     if (wT > 0 && !(LAMMPS && w <= 0)) {
         real4 conducts = carrying[row*CARRYING_ROWS];
         mixed difference = carried[index].x-carried[partner].x;
-        real s = (real) carried[index].x, t = (real) carried[partner].x, low = min(s, t), high = max(s, t), mean = (real) 0.5*(low+high);
+        real s = (real) carried[index].x, t = (real) carried[partner].x, low = min(s, t), high = max(s, t),
+            mean = (real) 0.5*(low+high);
         real strength = conducts.x*wT*wT, z = LAMMPS ? xi : dpdNormal(dpdMix(pair+STREAM), cubics);
         if (!ENERGIES) {
             real c = capacities[index], d = capacities[partner], weight = mean*POW(wT, (real) 0.5*conducts.y);
@@ -104,8 +111,10 @@ DEVICE real dpdHeat(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL 
     return 0;
 }
 
-// What flows of a species to a bead from a partner.  Rows of `carrying`: 1/cutoff; then of each species kappa, epsilon and half of the exponent.
-DEVICE real dpdSpecies(DPDBead* self, DPDBead* other, real r2, int species, mixed mine, mixed theirs, TERMS, real perRootDt) {
+// What flows of a species to a bead from a partner.  Rows of `carrying`: 1/cutoff; then of each species kappa, epsilon
+// and half of the exponent.
+DEVICE real dpdSpecies(DPDBead* self, DPDBead* other, real r2, int species, mixed mine, mixed theirs, TERMS,
+        real perRootDt) {
     int index = self->index, partner = other->index, row = ROW(0)*CARRYING_ROWS;
     real w = 1-r2*RSQRT(r2)*carrying[row].x;
     real4 c = carrying[row+1+species];
@@ -124,10 +133,11 @@ DEVICE real dpdSpecies(DPDBead* self, DPDBead* other, real r2, int species, mixe
     return flow;
 }
 
-DEVICE void dpdFlow(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL const mixed4* RESTRICT vel, TERMS,
-        GLOBAL const real* RESTRICT capacities, int block, real perRootDt, real perUnit, GLOBAL int* RESTRICT flags, int launch, mm_long* sums) {
+DEVICE void dpdFlow(DPDBead* self, DPDBead* other, real3 delta, real r2, READS(mixed4) vel, TERMS,
+        READS(real) capacities, int block, real perRootDt, real perUnit, HALTS, mm_long* sums) {
     if (CARRIES == HEAT) {
-        real rubbed = 0, conducted = dpdHeat(self, other, delta, r2, vel, TERMS_, capacities, perRootDt, flags, launch, &rubbed);
+        real rubbed = 0, conducted = dpdHeat(self, other, delta, r2, vel, TERMS_, capacities, perRootDt, flags, launch,
+            &rubbed);
         sums[0] += realToFixedPoint(perUnit*(ENERGIES ? conducted : conducted+rubbed));
         if (ENERGIES)
             sums[1] += realToFixedPoint(perUnit*rubbed);
@@ -135,14 +145,14 @@ DEVICE void dpdFlow(DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL 
     if (CARRIES == SPECIES) {
         mixed4 a = carried[block*NUM_ATOMS+self->index], b = carried[block*NUM_ATOMS+other->index];
         for (int k = 0; k < min(3, CARRYING_ROWS-1-3*block); k++)
-            sums[k] += realToFixedPoint(perUnit*dpdSpecies(self, other, r2, 3*block+k, k == 0 ? a.x : k == 1 ? a.y : a.z,
-                k == 0 ? b.x : k == 1 ? b.y : b.z, TERMS_, perRootDt));
+            sums[k] += realToFixedPoint(perUnit*dpdSpecies(self, other, r2, 3*block+k,
+                k == 0 ? a.x : k == 1 ? a.y : a.z, k == 0 ? b.x : k == 1 ? b.y : b.z, TERMS_, perRootDt));
     }
 }
 
-// What sources give to a bead per time.  Rows of each: the corner of the box, and whether it is a sphere; the lower corner or the centre, and the
-// rate; the upper corner or the square of the radius, and which value it is.
-DEVICE mixed4 dpdGiven(int index, int block, mixed3 x, GLOBAL const mixed4* RESTRICT sources, int numSources, GLOBAL const int* RESTRICT takes, BOX) {
+// What sources give to a bead per time.  Rows of each: the corner of the box, and whether it is a sphere; the lower
+// corner or the centre, and the rate; the upper corner or the square of the radius, and which value it is.
+DEVICE mixed4 dpdGiven(int index, int block, mixed3 x, SOURCES, BOX) {
     mixed4 sum = make_mixed4(0, 0, 0, 0);
     for (int k = 0; k < numSources; k++) {
         mixed4 corner = sources[3*k], a = sources[3*k+1], b = sources[3*k+2];
@@ -154,7 +164,8 @@ DEVICE mixed4 dpdGiven(int index, int block, mixed3 x, GLOBAL const mixed4* REST
             dpdCellOf(y, &inside, BOX_);
         y = make_mixed3(inside.x+corner.x, inside.y+corner.y, inside.z+corner.z);
         mixed3 d = make_mixed3(y.x-a.x, y.y-a.y, y.z-a.z);
-        if (corner.w != 0 ? SQUARE(d) < b.x : d.x >= 0 && d.y >= 0 && d.z >= 0 && y.x <= b.x && y.y <= b.y && y.z <= b.z) {
+        if (corner.w != 0 ? SQUARE(d) < b.x : d.x >= 0 && d.y >= 0 && d.z >= 0 && y.x <= b.x && y.y <= b.y &&
+                y.z <= b.z) {
             sum.x += column == 0 ? a.w : 0;
             sum.y += column == 1 ? a.w : 0;
             sum.z += column == 2 ? a.w : 0;
@@ -163,21 +174,22 @@ DEVICE mixed4 dpdGiven(int index, int block, mixed3 x, GLOBAL const mixed4* REST
     return sum;
 }
 
-// Changes per time of a block of what beads carry, at positions in cells and with velocities and values that friction sees; `own` += part*rates.
-KERNEL BOUNDS void dpdCarry(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
-        GLOBAL mixed4* own, GLOBAL mixed4* RESTRICT rates, GLOBAL const real* RESTRICT capacities, GLOBAL const mixed4* RESTRICT sources, int numSources,
-        GLOBAL const int* RESTRICT takes, int block, real perRootDt, real perUnit, mixed part, GLOBAL int* RESTRICT flags, int launch, BOX) {
+// Changes per time of a block of what beads carry, at positions in cells and with velocities and values that friction
+// sees; `own` += part*rates.
+KERNEL BOUNDS void dpdCarry(HALTS, PLACE, TERMS, CELLS, BOX, SOURCES, READS(mixed4) vel, GLOBAL mixed4* own,
+        WRITES(mixed4) rates, READS(real) capacities, int block, real perRootDt, real perUnit, mixed part) {
     if (STOPPED)
         return;
     SHARED(3)
     EACH_BEAD
         mm_long sums[3] = {0, 0, 0};
-        EACH_PARTNER(dpdFlow(&self, &other, delta, r2, vel, TERMS_, capacities, block, perRootDt, perUnit, flags, launch, sums))
+        EACH_PARTNER(dpdFlow(&self, &other, delta, r2, vel, TERMS_, capacities, block, perRootDt, perUnit, flags,
+            launch, sums))
         TOGETHER(sums, 3)
         if (SUMMED && vel[i].w != 0) {
             int bead = atomIndex[i], at = block*NUM_ATOMS+bead;
             mixed scale = 1/((mixed) 0x100000000*perUnit*(CARRIES == HEAT ? (mixed) capacities[bead] : 1));
-            mixed4 rate = dpdGiven(bead, block, dpdLoad(pos, corr, i), sources, numSources, takes, BOX_), value = own[at];
+            mixed4 rate = dpdGiven(bead, block, dpdLoad(pos, corr, i), SOURCES_, BOX_), value = own[at];
             rate = make_mixed4(rate.x+scale*sums[0], rate.y+scale*sums[1], rate.z+scale*sums[2], 0);
             rates[at] = rate;
             if (part != 0) {
@@ -188,10 +200,10 @@ KERNEL BOUNDS void dpdCarry(GLOBAL const real4* RESTRICT pos, GLOBAL const real4
     END_BEAD
 }
 
-// own += part*rates, and shown = own + predict*rates as they were, of energies the temperature: what friction and flows will see.
-KERNEL void dpdAdvance(GLOBAL const mixed4* RESTRICT velm, GLOBAL const int* RESTRICT atomIndex, GLOBAL mixed4* RESTRICT own,
-        GLOBAL const mixed4* RESTRICT rates, GLOBAL mixed4* RESTRICT shown, GLOBAL const mixed4* RESTRICT states, int block, mixed part, mixed predict,
-        GLOBAL int* RESTRICT flags, int launch) {
+// own += part*rates, and shown = own + predict*rates as they were, of energies the temperature: what friction and flows
+// will see.
+KERNEL void dpdAdvance(HALTS, READS(mixed4) velm, READS(int) atomIndex, WRITES(mixed4) own, READS(mixed4) rates,
+        WRITES(mixed4) shown, READS(mixed4) states, int block, mixed part, mixed predict) {
     if (STOPPED)
         return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
@@ -213,8 +225,7 @@ KERNEL void dpdAdvance(GLOBAL const mixed4* RESTRICT velm, GLOBAL const int* RES
 }
 
 // Velocities of beads that move and a block change places.
-KERNEL void dpdSwap(GLOBAL mixed4* RESTRICT velm, GLOBAL const int* RESTRICT atomIndex, GLOBAL mixed4* RESTRICT values, int block,
-        GLOBAL const int* RESTRICT flags, int launch) {
+KERNEL void dpdSwap(HALTS, WRITES(mixed4) velm, READS(int) atomIndex, WRITES(mixed4) values, int block) {
     if (STOPPED)
         return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {

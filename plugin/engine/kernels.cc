@@ -1,14 +1,16 @@
 // Pair terms of DPD and whole steps on cells of our own: one source for OpenCL, CUDA, HIP and C++.
 //
-// Sums over partners are sums of fixed-point numbers, pair by pair, so that neither the order of beads in a cell nor that of threads changes a
-// bit, and that momentum is conserved to the last one.
+// Sums over partners are sums of fixed-point numbers, pair by pair, so that neither the order of beads in a cell nor
+// that of threads changes a bit, and that momentum is conserved to the last one.
 //
-// On a CPU a thread has a cell, gathers what is around it, and does all for its beads.  On a GPU LANES threads of a block share a bead: the block gathers what is
-// around its cells, each thread looks for partners in a part of that, what they find is listed in the memory of the block (else nearly all threads of a
-// warp would wait while one draws noise), each takes its part of the list, and what they sum up comes together in lane 0.
+// On a CPU a thread has a cell, gathers what is around it, and does all for its beads.  On a GPU LANES threads of a
+// block share a bead: the block gathers what is around its cells, each thread looks for partners in a part of that,
+// what they find is listed in the memory of the block (else nearly all threads of a warp would wait while one draws
+// noise), each takes its part of the list, and what they sum up comes together in lane 0.
 //
-// Where anything is wrong (a cell or row is full, a bead runs away) a kernel sets flags[STOP], and all kernels after it do nothing: the host
-// finds out when it looks.  Launches have numbers, so that all of the one that found it still counts what room would be needed.
+// Where anything is wrong (a cell or row is full, a bead runs away) a kernel sets flags[STOP], and all kernels after it
+// do nothing: the host finds out when it looks.  Launches have numbers, so that all of the one that found it still
+// counts what room would be needed.
 
 #define STOP 0        // why nothing goes on: a sum of the next five
 #define CELLS_FULL 1
@@ -32,12 +34,14 @@
 #ifndef BOUNDS // what a compiler has to be told of the size of blocks
 #define BOUNDS
 #endif
-#if !defined(INLINED) || LANES > 1 // and, on a CPU, of functions that have too many arguments to be called for each pair
+// and, on a CPU, of functions that have too many arguments to be called for each pair
+#if !defined(INLINED) || LANES > 1
 #undef INLINED
 #define INLINED
 #endif
-// Beads are taken in the order of cells, so that those of a block have the same few cells around them: each block (on a CPU each thread) has some that are
-// beside each other in `walk`, which has their places along the axes, ten bits each; below 0 are cells of beads that take no part (dpdPut).
+// Beads are taken in the order of cells, so that those of a block have the same few cells around them: each block (on a
+// CPU each thread) has some that are beside each other in `walk`, which has their places along the axes, ten bits each;
+// below 0 are cells of beads that take no part (dpdPut).
 #if LANES == 1
 #define GATHERED 256 // beads around a cell at a time
 #define SHARED(sums) \
@@ -68,7 +72,8 @@
 #define TOGETHER_SHARED(sums) LOCAL mm_long shared[(sums)*BLOCK];
 #define SHARED(sums) /* sums come together where the beads around cells were */ \
     LOCAL mm_long shared[(sums)*BLOCK > AROUND*MOST_CELLS/2 ? (sums)*BLOCK : AROUND*MOST_CELLS/2]; \
-    LOCAL int found[BEADS+4], entered[BEADS], members[BEADS], owners[BEADS], list[LISTED*BEADS], rowSums[BLOCK], totals[MOST_CELLS]; \
+    LOCAL int found[BEADS+4], entered[BEADS], members[BEADS], owners[BEADS], list[LISTED*BEADS], rowSums[BLOCK], \
+        totals[MOST_CELLS]; \
     LOCAL_ARG int* nearby = (LOCAL_ARG int*) shared;
 #define EACH_BEAD for (int group = GROUP_ID*share; group < walked; group += NUM_GROUPS*share) { \
     const int lane = LOCAL_ID/BEADS, mine = LOCAL_ID%BEADS; \
@@ -94,7 +99,8 @@
             found[mine] = entered[mine] = UNFINISHED = 0; \
         SYNC_THREADS \
         const bool there = first+mine < ALL_MEMBERS; \
-        const int slot = members[there ? mine : 0], owner = owners[there ? mine : 0], where = walk[group+owner], i = (int) beads[slot].w; \
+        const int slot = members[there ? mine : 0], owner = owners[there ? mine : 0], where = walk[group+owner], \
+            i = (int) beads[slot].w; \
         const bool edge = AT_EDGE != 0; /* of all, for a warp goes one way then */
 #define UNFINISHED found[BEADS]
 #define ALL_MEMBERS found[BEADS+1]
@@ -142,9 +148,9 @@ DEVICE mm_ulong dpdKeyOf(int layer, mm_long key, mm_long begun, mm_long bits) {
     return layer == 0 ? key : dpdMix(dpdMix(begun+layer+GOLDEN)+bits+GOLDEN);
 }
 
-// Standard normal number of some bits, as openmm_dpd/kernels/noise.py makes it: a cubic in each cell of the inverse distribution function,
-// and in the last cells Wichura's PPND7 (algorithm AS 241).
-DEVICE real dpdNormal(mm_ulong bits, GLOBAL const real4* RESTRICT cubics) {
+// Standard normal number of some bits, as openmm_dpd/kernels/noise.py makes it: a cubic in each cell of the inverse
+// distribution function, and in the last cells Wichura's PPND7 (algorithm AS 241).
+DEVICE real dpdNormal(mm_ulong bits, READS(real4) cubics) {
     int cell = (int) ((bits>>55)&0xFF);
     real place = ((real) (mm_long) ((bits&0x7FFFFFFFFFFFFFUL)>>3)+(real) 0.5)*(real) 2.220446049250313e-16;
     real z;
@@ -153,16 +159,19 @@ DEVICE real dpdNormal(mm_ulong bits, GLOBAL const real4* RESTRICT cubics) {
         z = c.x+place*(c.y+place*(c.z+place*c.w));
     }
     else {
-        // 255-cell and 1-place in one number that is never rounded to 0: single precision would draw infinity once in 8e9 times
+        // 255-cell and 1-place in one number that is never rounded to 0: single precision would draw infinity once in
+        // 8e9 times
         real p = ((real) (mm_long) ((~bits>>3)&0xFFFFFFFFFFFFFFFUL)+(real) 0.5)*(real) 4.336808689942018e-19;
         real r = SQRT(-LOG(p));
         if (r <= 5) {
             r -= (real) 1.6;
-            z = ((((real) 0.17023821103*r+(real) 1.3067284816)*r+(real) 2.7568153900)*r+(real) 1.4234372777)/(((real) 0.12021132975*r+(real) 0.73700164250)*r+1);
+            z = ((((real) 0.17023821103*r+(real) 1.3067284816)*r+(real) 2.7568153900)*r+(real) 1.4234372777)
+                /(((real) 0.12021132975*r+(real) 0.73700164250)*r+1);
         }
         else {
             r -= 5;
-            z = ((((real) 0.017337203997*r+(real) 0.42868294337)*r+(real) 3.0812263860)*r+(real) 6.6579051150)/(((real) 0.012258202635*r+(real) 0.24197894225)*r+1);
+            z = ((((real) 0.017337203997*r+(real) 0.42868294337)*r+(real) 3.0812263860)*r+(real) 6.6579051150)
+                /(((real) 0.012258202635*r+(real) 0.24197894225)*r+1);
         }
     }
     return (bits>>63) != 0 ? -z : z;
@@ -176,7 +185,7 @@ DEVICE bool dpdFinite(mixed x) {
     return (bits.words[sizeof(mixed)/4-1]&exponent) != exponent;
 }
 
-DEVICE mixed3 dpdLoad(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, int i) {
+DEVICE mixed3 dpdLoad(PLACE, int i) {
     real4 a = pos[i];
 #ifdef USE_MIXED_PRECISION
     real4 b = corr[i];
@@ -187,7 +196,7 @@ DEVICE mixed3 dpdLoad(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* REST
 }
 
 // Rounds x to what was stored.
-DEVICE void dpdStore(GLOBAL real4* RESTRICT pos, GLOBAL real4* RESTRICT corr, int i, mixed3* x, real q) {
+DEVICE void dpdStore(WRITES(real4) pos, WRITES(real4) corr, int i, mixed3* x, real q) {
     pos[i] = make_real4((real) x->x, (real) x->y, (real) x->z, q);
 #ifdef USE_MIXED_PRECISION
     corr[i] = make_real4((real) (x->x-(real) x->x), (real) (x->y-(real) x->y), (real) (x->z-(real) x->z), 0);
@@ -200,11 +209,6 @@ DEVICE void dpdAdd(mixed4* v, mixed part, mixed4 a) {
     v->y += part*a.y;
     v->z += part*a.z;
 }
-
-// The box: edges, their inverses, the components below the diagonal (b.x, c.x, c.y), edges of cells, their numbers, and places in each.  Without a box it
-// is the period of the cells alone: beads of other periods seem near, until they are looked at.
-#define BOX mixed4 edges, mixed4 inverse, mixed4 tilt, mixed4 width, int nx, int ny, int nz, int room
-#define BOX_ edges, inverse, tilt, width, nx, ny, nz, room
 
 // The number of a cell of `walk`
 DEVICE int dpdCellAt(int where, BOX) {
@@ -253,14 +257,6 @@ DEVICE real3 dpdNearest(mixed3 d, BOX) {
     return make_real3((real) d.x, (real) d.y, (real) d.z);
 }
 
-// Cells: how many beads are in each, and `room` places for them: where a bead is in the box and its index, in mixed precision what single precision has
-// left of that; and the velocity that friction sees, with number and type of the bead in one word.  The order in `walk`, of which a block has a `share`.
-#define FILL GLOBAL int* RESTRICT countNew, GLOBAL real4* RESTRICT beadsNew, GLOBAL real4* RESTRICT restsNew, GLOBAL real4* RESTRICT motionNew, \
-        GLOBAL int* RESTRICT dirty, int cells, mixed fastest2, mixed hottest
-#define FILL_ countNew, beadsNew, restsNew, motionNew, dirty, cells, fastest2, hottest
-#define CELLS GLOBAL const int* RESTRICT count, GLOBAL const real4* RESTRICT beads, GLOBAL const real4* RESTRICT rests, GLOBAL const real4* RESTRICT motion, \
-        GLOBAL const int* RESTRICT walk, int walked, int share
-#define CELLS_ count, beads, rests, motion, walk, walked, share
 #define CLEAR for (int c = GLOBAL_ID; c < cells; c += GLOBAL_SIZE) dirty[c] = 0;
 
 typedef struct {
@@ -287,9 +283,10 @@ DEVICE DPDBead dpdBead(real4 place, real4 v) {
     return bead;
 }
 
-// A bead into its cell.  Those that take no part are in cells behind the others, where each has a place.  A bead runs away whose speed nobody has in
-// equilibrium (hottest is its square times the mass) and that crosses more than a cutoff in a step; fastest2 = 0 asks for no check.
-DEVICE void dpdPut(int i, int type, int index, mixed3 x, mixed4 v, FILL, GLOBAL int* RESTRICT flags, int launch, BOX) {
+// A bead into its cell.  Those that take no part are in cells behind the others, where each has a place.  A bead runs
+// away whose speed nobody has in equilibrium (hottest is its square times the mass) and that crosses more than a cutoff
+// in a step; fastest2 = 0 asks for no check.
+DEVICE void dpdPut(int i, int type, int index, mixed3 x, mixed4 v, HALTS, FILL, BOX) {
     mixed3 inside;
     int cell = dpdCellOf(x, &inside, BOX_);
     if (type < 0)
@@ -298,7 +295,8 @@ DEVICE void dpdPut(int i, int type, int index, mixed3 x, mixed4 v, FILL, GLOBAL 
     if (k < room) {
         beadsNew[slot] = make_real4((real) inside.x, (real) inside.y, (real) inside.z, (real) i);
 #ifdef USE_MIXED_PRECISION
-        restsNew[slot] = make_real4((real) (inside.x-(real) inside.x), (real) (inside.y-(real) inside.y), (real) (inside.z-(real) inside.z), 0);
+        restsNew[slot] = make_real4((real) (inside.x-(real) inside.x), (real) (inside.y-(real) inside.y),
+            (real) (inside.z-(real) inside.z), 0);
 #endif
         motionNew[slot] = dpdMotion(v, index, type);
     }
@@ -313,19 +311,10 @@ DEVICE void dpdPut(int i, int type, int index, mixed3 x, mixed4 v, FILL, GLOBAL 
     }
 }
 
-// What the pair terms depend on beside positions and velocities.
-#define TERMS GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types, GLOBAL const real4* RESTRICT params, \
-        GLOBAL const real4* RESTRICT more, GLOBAL const real4* RESTRICT cubics, GLOBAL const int* RESTRICT exceptionStart, \
-        GLOBAL const int* RESTRICT exceptionBead, GLOBAL const real* RESTRICT exceptionFactor, GLOBAL const real4* RESTRICT wallVelocity, \
-        GLOBAL const real4* RESTRICT many, GLOBAL const real* RESTRICT weights, GLOBAL const real* RESTRICT densities, \
-        GLOBAL const real4* RESTRICT carrying, GLOBAL const mixed4* RESTRICT carried, mm_long key, mm_long begun, mm_long bits, real noise, real perRoot2kT, real slide
-#define TERMS_ atomIndex, types, params, more, cubics, exceptionStart, exceptionBead, exceptionFactor, wallVelocity, many, weights, densities, \
-        carrying, carried, key, begun, bits, noise, perRoot2kT, slide
 #define EACH_LAYER for (int layer = 0; layer < LAYERS; layer++)
 #define ROW(layer) (self->type*NUM_TYPES+other->type+(layer)*NUM_TYPES*NUM_TYPES) // of a pair in tables
 
-DEVICE real dpdFactor(int a, int b, GLOBAL const int* RESTRICT exceptionStart, GLOBAL const int* RESTRICT exceptionBead,
-        GLOBAL const real* RESTRICT exceptionFactor) {
+DEVICE real dpdFactor(int a, int b, READS(int) exceptionStart, READS(int) exceptionBead, READS(real) exceptionFactor) {
     for (int e = exceptionStart[a]; e < exceptionStart[a+1]; e++)
         if (exceptionBead[e] == b)
             return exceptionFactor[e];
@@ -333,7 +322,7 @@ DEVICE real dpdFactor(int a, int b, GLOBAL const int* RESTRICT exceptionStart, G
 }
 
 // The velocity of a bead that friction feels: that of its wall, if it is immobile
-DEVICE mixed4 dpdFelt(mixed4 v, int index, GLOBAL const real4* RESTRICT wallVelocity) {
+DEVICE mixed4 dpdFelt(mixed4 v, int index, READS(real4) wallVelocity) {
 #ifdef IMMOBILE
     if (v.w == 0) {
         real4 wall = wallVelocity[index];
@@ -350,7 +339,8 @@ DEVICE mixed4 dpdFelt(mixed4 v, int index, GLOBAL const real4* RESTRICT wallVelo
 #define INVERSE_MASS(vel, i) ((real) EQUAL_MASS)
 #endif
 
-// What beads carry (fields.cc): heat, as temperatures (with the heat of LAMMPS's code or not) or as ENERGIES, or species that diffuse.
+// What beads carry (fields.cc): heat, as temperatures (with the heat of LAMMPS's code or not) or as ENERGIES, or
+// species that diffuse.
 #define HEAT 1
 #define SPECIES 2
 #ifndef CARRIES
@@ -365,16 +355,19 @@ DEVICE real dpdPolynomial(real4 c, real y) {
     return 1+y*(c.x+y*(c.y+y*(c.z+y*c.w)));
 }
 
-// Mean and harmonic mean of the temperatures of two beads, the same from either of them, and the root of the weight of friction between them
-DEVICE real3 dpdWarm(int row, int a, int b, real w, GLOBAL const real4* RESTRICT carrying, GLOBAL const mixed4* RESTRICT carried) {
-    real s = (real) carried[a].x, t = (real) carried[b].x, low = min(s, t), high = max(s, t), mean = (real) 0.5*(low+high);
+// Mean and harmonic mean of the temperatures of two beads, the same from either of them, and the root of the weight of
+// friction between them
+DEVICE real3 dpdWarm(int row, int a, int b, real w, READS(real4) carrying, READS(mixed4) carried) {
+    real s = (real) carried[a].x, t = (real) carried[b].x, low = min(s, t), high = max(s, t),
+        mean = (real) 0.5*(low+high);
     if (ENERGIES)
         return make_real3(mean, 2*low*high/(low+high), w);
     real exponent = carrying[row*CARRYING_ROWS].w*dpdPolynomial(carrying[row*CARRYING_ROWS+1], mean-1);
     return make_real3(mean, 2*low*high/(low+high), POW(w, (real) 0.5*max((real) 0.01, exponent)));
 }
 
-// Coefficients of a pair: what w^s is multiplied with in friction (its root) and noise (times `kick`, too), along the line between beads and across.
+// Coefficients of a pair: what w^s is multiplied with in friction (its root) and noise (times `kick`, too), along the
+// line between beads and across.
 typedef struct {
     real A, rc, root, w, rootAcross, wAcross, factor, kick;
 } DPDPair;
@@ -429,14 +422,16 @@ DEVICE bool dpdPair(DPDPair* p, int row, int a, int b, real r, TERMS) {
 }
 
 // The noise across of a pair, a vector that is the force on the bead with the lower index.
-DEVICE real3 dpdAcross(mm_ulong pair, real3 e, bool lower, GLOBAL const real4* RESTRICT cubics) {
-    real x = dpdNormal(dpdMix(pair+STREAM), cubics), y = dpdNormal(dpdMix(pair+2*STREAM), cubics), z = dpdNormal(dpdMix(pair+3*STREAM), cubics);
+DEVICE real3 dpdAcross(mm_ulong pair, real3 e, bool lower, READS(real4) cubics) {
+    real x = dpdNormal(dpdMix(pair+STREAM), cubics), y = dpdNormal(dpdMix(pair+2*STREAM), cubics),
+        z = dpdNormal(dpdMix(pair+3*STREAM), cubics);
     real along = e.x*x+e.y*y+e.z*z;
     real sign = lower ? 1 : -1;
     return make_real3(sign*(x-along*e.x), sign*(y-along*e.y), sign*(z-along*e.z));
 }
 
-// The cell before another one along an axis (at = 0), itself (1) or the one after it (2), and how many periods it is away by that; all, of few.
+// The cell before another one along an axis (at = 0), itself (1) or the one after it (2), and how many periods it is
+// away by that; all, of few.
 DEVICE int dpdNext(int own, int at, int n, real* periods) {
     int c = n < 3 ? at : own+at-1;
     *periods = (c < 0) - (c >= n);
@@ -460,7 +455,8 @@ typedef struct {
     int row, cell, from;
 } DPDSearch;
 
-// Beads around a cell, as its first bead sees them, to arrays that all its beads go through, until there is no more room: returns how many.
+// Beads around a cell, as its first bead sees them, to arrays that all its beads go through, until there is no more
+// room: returns how many.
 DEVICE int dpdGather(DPDSearch* search, int cell, int where, float* around, int* slots, CELLS, BOX) {
     real4 origin = beads[cell*room];
     int n = 0;
@@ -488,7 +484,8 @@ DEVICE int dpdGather(DPDSearch* search, int cell, int where, float* around, int*
     return n;
 }
 
-// Which of them are near a bead of the cell, itself too, without branches, which nobody could predict: returns how many.
+// Which of them are near a bead of the cell, itself too, without branches, which nobody could predict: returns how
+// many.
 DEVICE int dpdFind(int cell, int slot, float* around, int* slots, int n, int* list, CELLS, BOX) {
     real4 origin = beads[cell*room], here = beads[slot];
     float hx = (float) (here.x-origin.x), hy = (float) (here.y-origin.y), hz = (float) (here.z-origin.z);
@@ -510,8 +507,10 @@ DEVICE int dpdFind(int cell, int slot, float* around, int* slots, int n, int* li
     return found;
 }
 #else
-// Beads around each cell of a block, from one of them on: how many are left, and places of as many as there is room for.  A thread has a row of three cells.
-DEVICE void dpdGather(int group, int from, LOCAL_ARG int* rows, LOCAL_ARG int* totals, LOCAL_ARG int* around, LOCAL_ARG int* more, CELLS, BOX) {
+// Beads around each cell of a block, from one of them on: how many are left, and places of as many as there is room
+// for.  A thread has a row of three cells.
+DEVICE void dpdGather(int group, int from, LOCAL_ARG int* rows, LOCAL_ARG int* totals, LOCAL_ARG int* around,
+        LOCAL_ARG int* more, CELLS, BOX) {
     int own = LOCAL_ID/9, row = LOCAL_ID%9, where = own < share && group+own < walked ? walk[group+own] : -1;
     int a = 0, b = 0, c = 0, inA = 0, inB = 0, inC = 0; // its cells, and how many beads they have
     if (where >= 0 && row%3 < ny && row/3 < nz) {
@@ -567,7 +566,8 @@ DEVICE unsigned int dpdFind(int slot, bool edge, int lane, int n, LOCAL_ARG cons
 }
 
 // Those with bits go to the list of a bead, and lose them, until it is full.
-DEVICE void dpdEnter(unsigned int* hits, int lane, int mine, LOCAL_ARG const int* around, LOCAL_ARG int* list, LOCAL_ARG int* found, LOCAL_ARG int* unfinished) {
+DEVICE void dpdEnter(unsigned int* hits, int lane, int mine, LOCAL_ARG const int* around, LOCAL_ARG int* list,
+        LOCAL_ARG int* found, LOCAL_ARG int* unfinished) {
     int k = *hits == 0 ? 0 : ATOMIC_ADD(&found[mine], (int) BITS_OF(*hits));
     for (; *hits != 0 && k < LISTED; k++, *hits &= *hits-1)
         list[k*BEADS+mine] = around[FIRST_BIT(*hits)*LANES+lane];
@@ -576,7 +576,8 @@ DEVICE void dpdEnter(unsigned int* hits, int lane, int mine, LOCAL_ARG const int
 }
 #endif
 
-// Which of those that are near a bead are within the longest cutoff: delta is from j to i, r2 its square.  In the box positions are those in cells.
+// Which of those that are near a bead are within the longest cutoff: delta is from j to i, r2 its square.  In the box
+// positions are those in cells.
 #ifdef MANY_BODY // beads at the same point count in each other's densities
 #define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && at != slot)
 #define APART (r2 != 0)
@@ -585,7 +586,7 @@ DEVICE void dpdEnter(unsigned int* hits, int lane, int mine, LOCAL_ARG const int
 #define WITHIN (r2 < MAX_CUTOFF*MAX_CUTOFF && r2 != 0)
 #endif
 
-DEVICE mixed3 dpdPlace(real4 place, int slot, GLOBAL const real4* RESTRICT rests, GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr) {
+DEVICE mixed3 dpdPlace(real4 place, int slot, READS(real4) rests, PLACE) {
     if (!PERIODIC)
         return dpdLoad(pos, corr, (int) place.w);
 #ifdef USE_MIXED_PRECISION
@@ -596,8 +597,8 @@ DEVICE mixed3 dpdPlace(real4 place, int slot, GLOBAL const real4* RESTRICT rests
 #endif
 }
 
-// What is to be done with all partners (`other`) of a bead (`self`) within the longest cutoff, if it takes part: found first, a full list at a time, for else nearly
-// all threads of a warp would wait while one draws noise.
+// What is to be done with all partners (`other`) of a bead (`self`) within the longest cutoff, if it takes part: found
+// first, a full list at a time, for else nearly all threads of a warp would wait while one draws noise.
 #define LOOK_AT(k, pair) \
     int at = list[k]; \
     real4 theirs_ = beads[at]; \
@@ -631,7 +632,8 @@ DEVICE mixed3 dpdPlace(real4 place, int slot, GLOBAL const real4* RESTRICT rests
     for (int from = 0, further = 1; further; from += AROUND) { \
         dpdGather(group, from, rowSums, totals, nearby, &MORE, CELLS_, BOX_); \
         further = MORE; \
-        unsigned int hits = there && where >= 0 ? dpdFind(slot, edge, lane, min(totals[owner], AROUND), &nearby[owner*AROUND], CELLS_, BOX_) : 0; \
+        unsigned int hits = there && where >= 0 ? dpdFind(slot, edge, lane, min(totals[owner], AROUND), \
+            &nearby[owner*AROUND], CELLS_, BOX_) : 0; \
         for (bool last = false; !last; ) { \
             dpdEnter(&hits, lane, mine, &nearby[owner*AROUND], list, found, &UNFINISHED); \
             SYNC_THREADS \
@@ -656,8 +658,9 @@ DEVICE mixed3 dpdPlace(real4 place, int slot, GLOBAL const real4* RESTRICT rests
 #define LUCY 0
 #endif
 
-// What a partner adds to the density at a bead.  Rows of `many`: B of the force B (density + density) w_B, 1/cutoff of w_B, 1/cutoff and
-// norm of the weight function; its partner's mass weighs Lucy's, for which factors of bonded neighbours but 0 count in full.
+// What a partner adds to the density at a bead.  Rows of `many`: B of the force B (density + density) w_B, 1/cutoff of
+// w_B, 1/cutoff and norm of the weight function; its partner's mass weighs Lucy's, for which factors of bonded
+// neighbours but 0 count in full.
 DEVICE real dpdDensityOf(int layer, DPDBead* self, DPDBead* other, real r2, TERMS) {
     real4 m = many[ROW(layer)];
     real s = r2 > 0 ? r2*RSQRT(r2)*m.z : 0, w = 1-s, f = 1;
@@ -671,8 +674,7 @@ DEVICE real dpdDensityOf(int layer, DPDBead* self, DPDBead* other, real r2, TERM
     return f*m.w*w*w;
 }
 
-KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, TERMS, CELLS,
-        GLOBAL real* RESTRICT density, GLOBAL const int* RESTRICT flags, int launch, BOX) {
+KERNEL BOUNDS void dpdDensity(HALTS, PLACE, TERMS, CELLS, BOX, WRITES(real) density) {
     if (STOPPED)
         return;
     SHARED(1)
@@ -686,7 +688,8 @@ KERNEL BOUNDS void dpdDensity(GLOBAL const real4* RESTRICT pos, GLOBAL const rea
 }
 
 // Force of a pair on a bead of this type (times their number), index and velocity, added to f, and half of its energy.
-DEVICE INLINED real dpdPush(int layer, DPDBead* self, DPDBead* other, real3 delta, real r2, int terms, TERMS, mm_long* f) {
+DEVICE INLINED real dpdPush(int layer, DPDBead* self, DPDBead* other, real3 delta, real r2, int terms, TERMS,
+        mm_long* f) {
     real invR = APART ? RSQRT(r2) : 0, r = r2*invR, energy = 0;
     DPDPair p;
     if (!dpdPair(&p, ROW(layer), self->index, other->index, r, TERMS_))
@@ -703,7 +706,8 @@ DEVICE INLINED real dpdPush(int layer, DPDBead* self, DPDBead* other, real3 delt
         if (w > 0) {
             real push = p.factor*m.x*(densities[self->i]+densities[other->i])*w;
             size += push;
-            energy += (LUCY ? (APART ? (real) 0.25 : 0) : (real) 0.125)*push*w/m.y; // of Lucy's as if densities were constants: it has no potential
+            // of Lucy's as if densities were constants: it has no potential
+            energy += (LUCY ? (APART ? (real) 0.25 : 0) : (real) 0.125)*push*w/m.y;
         }
 #endif
     }
@@ -718,7 +722,8 @@ DEVICE INLINED real dpdPush(int layer, DPDBead* self, DPDBead* other, real3 delt
         if (p.rootAcross != 0) {
             real t = p.rootAcross*p.wAcross;
             real3 z = dpdAcross(pair, e, self->index < other->index, cubics);
-            force = make_real3(t*(noise*z.x-t*(u.x-along*e.x)), t*(noise*z.y-t*(u.y-along*e.y)), t*(noise*z.z-t*(u.z-along*e.z)));
+            force = make_real3(t*(noise*z.x-t*(u.x-along*e.x)), t*(noise*z.y-t*(u.y-along*e.y)),
+                t*(noise*z.z-t*(u.z-along*e.z)));
         }
 #endif
     }
@@ -728,14 +733,7 @@ DEVICE INLINED real dpdPush(int layer, DPDBead* self, DPDBead* other, real3 delt
     return energy;
 }
 
-// What drifts depend on: walls, whose rows are lower ones, upper ones, where the period begins, its length, 1 along axes with bounce-back; then velocities
-// of the lower and the upper wall of each axis, which `swings` multiply; what is behind walls; and the momentum that walls have taken up.  `flow` of a
-// shear: what velocities change by before and after a drift, per height, and its rate then.
-#define DRIFT mixed drift, GLOBAL const mixed4* RESTRICT walls, GLOBAL const real4* RESTRICT behind, real behindReach, GLOBAL mm_ulong* RESTRICT impulses, \
-        mixed4 swingsLow, mixed4 swingsHigh, mixed4 flow
-#define DRIFT_ drift, walls, behind, behindReach, impulses, swingsLow, swingsHigh, flow
-
-DEVICE void dpdTake(GLOBAL mm_ulong* RESTRICT impulses, int wall, int axis, mixed impulse) {
+DEVICE void dpdTake(WRITES(mm_ulong) impulses, int wall, int axis, mixed impulse) {
     ATOMIC_ADD(&impulses[3*wall+axis], (mm_ulong) (mm_long) floor(impulse*(mixed) 1073741824+(mixed) 0.5));
 }
 
@@ -747,20 +745,23 @@ DEVICE mixed dpdSpeed(int wall, int axis, DRIFT) {
     return dpdOf(wall%2 ? swingsHigh : swingsLow, wall/2)*dpdOf(walls[5+wall], axis);
 }
 
-// What a bead feels of what is behind a wall (openmm_dpd/kernels/driven.py), of which there are rows with straight lines between: force, energy, friction
-// along the axis and across it; false where it is out of reach.
+// What a bead feels of what is behind a wall (openmm_dpd/kernels/driven.py), of which there are rows with straight
+// lines between: force, energy, friction along the axis and across it; false where it is out of reach.
 DEVICE bool dpdBehind(mixed3 x, int side, int type, real4* found, DRIFT) {
     if (BEHIND_ROWS <= 0 || type < 0)
         return false;
     mixed at = dpdOf(make_mixed4(x.x, x.y, x.z, 0), BEHIND_AXIS), period = dpdOf(walls[3], BEHIND_AXIS);
     at -= period*floor((at-dpdOf(walls[2], BEHIND_AXIS))/period);
-    real h = (real) (side ? dpdOf(walls[1], BEHIND_AXIS)-at : at-dpdOf(walls[0], BEHIND_AXIS)), place = max((real) 0, h)*(BEHIND_ROWS/behindReach);
+    real h = (real) (side ? dpdOf(walls[1], BEHIND_AXIS)-at : at-dpdOf(walls[0], BEHIND_AXIS)),
+        place = max((real) 0, h)*(BEHIND_ROWS/behindReach);
     if (h >= behindReach)
         return false;
     int row = min((int) place, BEHIND_ROWS-1);
-    real4 a = behind[(side*NUM_TYPES+type)*(BEHIND_ROWS+1)+row], b = behind[(side*NUM_TYPES+type)*(BEHIND_ROWS+1)+row+1];
+    real4 a = behind[(side*NUM_TYPES+type)*(BEHIND_ROWS+1)+row],
+        b = behind[(side*NUM_TYPES+type)*(BEHIND_ROWS+1)+row+1];
     place -= row;
-    real push = a.x+place*(b.x-a.x), energy = b.y+(real) 0.5*(push+b.x)*(behindReach/BEHIND_ROWS)*(1-place)-push*min((real) 0, h);
+    real push = a.x+place*(b.x-a.x),
+        energy = b.y+(real) 0.5*(push+b.x)*(behindReach/BEHIND_ROWS)*(1-place)-push*min((real) 0, h);
     *found = make_real4(push, energy, a.z+place*(b.z-a.z), a.w+place*(b.w-a.w));
     return true;
 }
@@ -785,15 +786,17 @@ DEVICE void dpdKickWalls(mixed3 x, int type, mixed time, DRIFT) {
 }
 
 // Its friction and noise for a time
-DEVICE mixed dpdRubbed(mixed v, int wall, int axis, mixed gamma, mixed inverseMass, mixed time, mixed kT, mm_ulong pair, GLOBAL const real4* RESTRICT cubics, DRIFT) {
+DEVICE mixed dpdRubbed(mixed v, int wall, int axis, mixed gamma, mixed inverseMass, mixed time, mixed kT, mm_ulong pair,
+        READS(real4) cubics, DRIFT) {
     int stream = 3*(wall%2)+axis;
-    mixed lost = -expm1(-gamma*inverseMass*time), noise = sqrt(kT*inverseMass*lost*(2-lost))*dpdNormal(stream == 0 ? pair : dpdMix(pair+stream*STREAM), cubics);
+    mixed lost = -expm1(-gamma*inverseMass*time), noise = sqrt(kT*inverseMass*lost*(2-lost))
+        *dpdNormal(stream == 0 ? pair : dpdMix(pair+stream*STREAM), cubics);
     mixed change = noise-lost*(v-dpdSpeed(wall, axis, DRIFT_));
     dpdTake(impulses, wall, axis, -change/inverseMass);
     return v+change;
 }
 
-DEVICE void dpdRub(mixed3 x, mixed4* v, int type, mixed time, mixed kT, mm_ulong pair, GLOBAL const real4* RESTRICT cubics, DRIFT) {
+DEVICE void dpdRub(mixed3 x, mixed4* v, int type, mixed time, mixed kT, mm_ulong pair, READS(real4) cubics, DRIFT) {
     real4 found;
     for (int side = 0; side < 2; side++)
         if (dpdBehind(x, side, type, &found, DRIFT_)) {
@@ -804,8 +807,8 @@ DEVICE void dpdRub(mixed3 x, mixed4* v, int type, mixed time, mixed kT, mm_ulong
         }
 }
 // For OpenMM: adds to its force and energy buffers.
-KERNEL BOUNDS void dpdEvaluate(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, TERMS, CELLS,
-        GLOBAL mm_ulong* RESTRICT force, GLOBAL mixed* RESTRICT energyBuffer, int terms, GLOBAL const int* RESTRICT flags, int launch, DRIFT, BOX) {
+KERNEL BOUNDS void dpdEvaluate(HALTS, PLACE, TERMS, CELLS, DRIFT, BOX, WRITES(mm_ulong) force,
+        WRITES(mixed) energyBuffer, int terms) {
     if (STOPPED)
         return;
     SHARED(4)
@@ -836,7 +839,8 @@ DEVICE int dpdSide(mixed x, mixed put, mixed low, mixed start, mixed period) {
     return put == x ? -1 : x-period*floor((x-start)/period) < low ? 0 : 1;
 }
 
-// A component of a velocity after walls: one of its own axis turns it, of which `side` says whether there is any, or else the first one that turns all
+// A component of a velocity after walls: one of its own axis turns it, of which `side` says whether there is any, or
+// else the first one that turns all
 DEVICE mixed dpdTurned(mixed v, int axis, int side, int first, mixed inverseMass, DRIFT) {
     int wall = side >= 0 ? 2*axis+side : first;
     if (wall < 0)
@@ -860,9 +864,10 @@ DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
         v->x += flow.y*x->y;
 #ifdef WALLS
     mixed4 low = walls[0], high = walls[1], start = walls[2], period = walls[3], back = walls[4];
-    mixed3 put = make_mixed3(dpdReflected(x->x, low.x, high.x, start.x, period.x), dpdReflected(x->y, low.y, high.y, start.y, period.y),
-        dpdReflected(x->z, low.z, high.z, start.z, period.z));
-    int sx = dpdSide(x->x, put.x, low.x, start.x, period.x), sy = dpdSide(x->y, put.y, low.y, start.y, period.y), sz = dpdSide(x->z, put.z, low.z, start.z, period.z);
+    mixed3 put = make_mixed3(dpdReflected(x->x, low.x, high.x, start.x, period.x),
+        dpdReflected(x->y, low.y, high.y, start.y, period.y), dpdReflected(x->z, low.z, high.z, start.z, period.z));
+    int sx = dpdSide(x->x, put.x, low.x, start.x, period.x), sy = dpdSide(x->y, put.y, low.y, start.y, period.y),
+        sz = dpdSide(x->z, put.z, low.z, start.z, period.z);
     int first = sx >= 0 && back.x != 0 ? sx : sy >= 0 && back.y != 0 ? 2+sy : sz >= 0 && back.z != 0 ? 4+sz : -1;
     *x = put;
     v->x = dpdTurned(v->x, 0, sx, first, v->w, DRIFT_);
@@ -871,12 +876,11 @@ DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
 #endif
 }
 
-// v += kick*acc + kickSlow*slow, x += drift*v, and the beads into cells; moves: 0 into cells only, 2 with v + predict*acc to `seen`, 3 with a copy of x.  Nobody reads positions of
-// others here: posNew may be pos.
-KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
-        GLOBAL mixed4* RESTRICT velm, GLOBAL const mixed4* RESTRICT acc, GLOBAL mixed4* RESTRICT seen, mixed kick, mixed predict, int moves,
-        GLOBAL const mixed4* RESTRICT slow, mixed kickSlow, GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy,
-        GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types, GLOBAL const real4* RESTRICT wallVelocity, FILL, GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
+// v += kick*acc + kickSlow*slow, x += drift*v, and the beads into cells; moves: 0 into cells only, 2 with v +
+// predict*acc to `seen`, 3 with a copy of x.  Nobody reads positions of others here: posNew may be pos.
+KERNEL void dpdMove(HALTS, PLACE, PLACE_NEW, PLACE_COPY, KINDS, FILL, DRIFT, BOX, WRITES(mixed4) velm,
+        READS(mixed4) acc, WRITES(mixed4) seen, READS(mixed4) slow, mixed kick, mixed predict, mixed kickSlow,
+        int moves) {
     if (STOPPED)
         return;
     CLEAR
@@ -901,8 +905,9 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
                 if (moves == 2 && SHEARED) // relative to the flow
                     seen[i] = make_mixed4(s.x+(v.x-straight.x)-flow.w*x.y, s.y, s.z, v.w);
                 else if (moves == 2) // turned round by walls as v is: to 2*speed-s
-                    seen[i] = make_mixed4(v.x == straight.x ? s.x : v.x+straight.x-s.x, v.y == straight.y ? s.y : v.y+straight.y-s.y,
-                        v.z == straight.z ? s.z : v.z+straight.z-s.z, v.w);
+                    seen[i] = make_mixed4(v.x == straight.x ? s.x : v.x+straight.x-s.x,
+                        v.y == straight.y ? s.y : v.y+straight.y-s.y, v.z == straight.z ? s.z : v.z+straight.z-s.z,
+                            v.w);
             }
             else if (moves == 2)
                 seen[i] = v;
@@ -914,17 +919,16 @@ KERNEL void dpdMove(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRI
         felt = moves == 2 ? seen[i] : v;
         if (moves != 2 && SHEARED)
             felt.x -= flow.w*x.y;
-        dpdPut(i, types[i], atomIndex[i], x, dpdFelt(felt, atomIndex[i], wallVelocity), FILL_, flags, launch, BOX_);
+        dpdPut(i, types[i], atomIndex[i], x, dpdFelt(felt, atomIndex[i], wallVelocity), flags, launch, FILL_, BOX_);
     }
 }
 
-// acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next cells, 2 only their positions to
-// posNew, 3 as 1 and a copy of x.  Without friction, velocities in cells are the new ones (in `motionNew`).  useOthers: 2 keeps the
-// force of others.  partial: along some axes only the `external` force acts on a bead.
-KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
-        GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT acc, GLOBAL const mm_long* RESTRICT others, int useOthers, GLOBAL mm_long* RESTRICT kept,
-        GLOBAL const int* RESTRICT alone, GLOBAL const mm_long* RESTRICT external, int partial, int terms, mixed kick, int moves,
-        GLOBAL real4* RESTRICT posCopy, GLOBAL real4* RESTRICT corrCopy, TERMS, CELLS, FILL, GLOBAL int* RESTRICT flags, int launch, DRIFT, BOX) {
+// acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next
+// cells, 2 only their positions to posNew, 3 as 1 and a copy of x.  Without friction, velocities in cells are the new
+// ones (in `motionNew`).  useOthers: 2 keeps the force of others.  partial: along some axes only the `external` force
+// acts on a bead.
+KERNEL BOUNDS void dpdKick(HALTS, PLACE, PLACE_NEW, PLACE_COPY, TERMS, CELLS, FILL, DRIFT, BOX, OTHERS,
+        WRITES(mixed4) velm, WRITES(mixed4) acc, mixed kick, int useOthers, int terms, int moves) {
     if (STOPPED)
         return;
     bool drifts = moves == 1 || moves == 3;
@@ -971,7 +975,7 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
                 dpdStore(posCopy, corrCopy, i, &x, q);
             mixed4 felt = dpdFelt(v, atomIndex[i], wallVelocity);
             if (drifts)
-                dpdPut(i, types[i], atomIndex[i], x, felt, FILL_, flags, launch, BOX_);
+                dpdPut(i, types[i], atomIndex[i], x, felt, flags, launch, FILL_, BOX_);
             else if ((terms & THERMOSTAT) == 0) {
                 if (SHEARED)
                     felt.x -= flow.w*x.y;
@@ -982,9 +986,7 @@ KERNEL BOUNDS void dpdKick(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
 }
 
 // What the force of others has changed by since it was kept is added to acc, but where only the `external` force acts.
-KERNEL void dpdRenew(GLOBAL const mm_long* RESTRICT others, GLOBAL const mm_long* RESTRICT kept, GLOBAL const int* RESTRICT alone,
-        GLOBAL const mm_long* RESTRICT external, int partial, GLOBAL const int* RESTRICT atomIndex, GLOBAL const mixed4* RESTRICT velm,
-        GLOBAL mixed4* RESTRICT acc, GLOBAL const int* RESTRICT flags, int launch) {
+KERNEL void dpdRenew(HALTS, OTHERS, READS(int) atomIndex, READS(mixed4) velm, WRITES(mixed4) acc) {
     if (STOPPED)
         return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
@@ -999,8 +1001,7 @@ KERNEL void dpdRenew(GLOBAL const mm_long* RESTRICT others, GLOBAL const mm_long
 }
 
 // Whether positions are those that were kept.
-KERNEL void dpdCompare(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const real4* RESTRICT posKept,
-        GLOBAL const real4* RESTRICT corrKept, GLOBAL int* RESTRICT flags, int launch) {
+KERNEL void dpdCompare(HALTS, PLACE, READS(real4) posKept, READS(real4) corrKept) {
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         mixed3 x = dpdLoad(pos, corr, i), y = dpdLoad(posKept, corrKept, i);
         if (x.x != y.x || x.y != y.y || x.z != y.z)
@@ -1009,8 +1010,8 @@ KERNEL void dpdCompare(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RES
 }
 
 // Velocities and what is kept change places, and the positions are kept.
-KERNEL void dpdExchange(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posKept,
-        GLOBAL real4* RESTRICT corrKept, GLOBAL mixed4* RESTRICT velm, GLOBAL mixed4* RESTRICT kept, GLOBAL const int* RESTRICT flags, int launch) {
+KERNEL void dpdExchange(HALTS, PLACE, WRITES(real4) posKept, WRITES(real4) corrKept, WRITES(mixed4) velm,
+        WRITES(mixed4) kept) {
     if (STOPPED)
         return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
@@ -1023,8 +1024,7 @@ KERNEL void dpdExchange(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RE
 }
 
 // Velocities to which a rate times the height is added, with which a flow goes
-KERNEL void dpdFollow(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* from, GLOBAL mixed4* to, mixed rate,
-        GLOBAL const int* RESTRICT flags, int launch) {
+KERNEL void dpdFollow(HALTS, PLACE, GLOBAL const mixed4* from, GLOBAL mixed4* to, mixed rate) {
     if (STOPPED)
         return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
@@ -1034,11 +1034,13 @@ KERNEL void dpdFollow(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* REST
     }
 }
 
-// Pair updates of all pairs at once, an implicit midpoint step: (1 + h/2 M^-1 G) u = v + h/2 M^-1 R by Chebyshev iteration from u = v, and then
-// v += h M^-1 (R - G u).  It leaves Maxwell's distribution unchanged for any h, whatever the number of pairs.
+// Pair updates of all pairs at once, an implicit midpoint step: (1 + h/2 M^-1 G) u = v + h/2 M^-1 R by Chebyshev
+// iteration from u = v, and then v += h M^-1 (R - G u).  It leaves Maxwell's distribution unchanged for any h, whatever
+// the number of pairs.
 //
-// Rows: entry k of bead i at k*STRIDE+i is a vector s along the line to the partner, whose index is in w.  The friction of a difference of
-// velocities d is s (s.d), and with transverse friction sign*s (s.d) + t d, where t (with the sign) is in an array of its own.
+// Rows: entry k of bead i at k*STRIDE+i is a vector s along the line to the partner, whose index is in w.  The friction
+// of a difference of velocities d is s (s.d), and with transverse friction sign*s (s.d) + t d, where t (with the sign)
+// is in an array of its own.
 
 DEVICE real3 dpdFriction(real4 s, real t, real x, real y, real z) {
     real along = s.x*x+s.y*y+s.z*z;
@@ -1054,8 +1056,8 @@ DEVICE real3 dpdFriction(real4 s, real t, real x, real y, real z) {
 }
 
 // What a row knows of a pair; sums: the noise, the friction at these velocities, and what bounds the eigenvalues.
-DEVICE INLINED bool dpdRow(int layer, DPDBead* self, DPDBead* other, real3 delta, real r2, GLOBAL const mixed4* RESTRICT vel, TERMS, real perRate,
-        real4* row, real* rowAcross, mm_long* sums) {
+DEVICE INLINED bool dpdRow(int layer, DPDBead* self, DPDBead* other, real3 delta, real r2, READS(mixed4) vel, TERMS,
+        real perRate, real4* row, real* rowAcross, mm_long* sums) {
     real invR = RSQRT(r2);
     DPDPair p;
     if (!dpdPair(&p, ROW(layer), self->index, other->index, r2*invR, TERMS_))
@@ -1110,9 +1112,8 @@ DEVICE INLINED bool dpdRow(int layer, DPDBead* self, DPDBead* other, real3 delta
         } \
     }
 
-KERNEL BOUNDS void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL const mixed4* RESTRICT vel, TERMS, CELLS,
-        GLOBAL int* RESTRICT rowCount, GLOBAL real4* RESTRICT rows, GLOBAL real* RESTRICT rowsAcross, int rowRoom, GLOBAL mm_long* RESTRICT random,
-        GLOBAL real4* RESTRICT u, GLOBAL real4* RESTRICT res, mixed halfdt, real perRate, GLOBAL int* RESTRICT flags, int launch, BOX) {
+KERNEL BOUNDS void dpdRows(HALTS, PLACE, TERMS, CELLS, BOX, ROWS_OF(TAKE, WRITES), int rowRoom, READS(mixed4) vel,
+        WRITES(mm_long) random, WRITES(real4) u, WRITES(real4) res, mixed halfdt, real perRate) {
     if (STOPPED)
         return;
     const mixed unit = 1/(mixed) 0x100000000;
@@ -1140,7 +1141,8 @@ KERNEL BOUNDS void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
             rowCount[i] = n;
             mixed scale = halfdt*weight*unit;
             u[i] = make_real4(v.x, v.y, v.z, weight);
-            res[i] = make_real4((real) (scale*(sums[0]-sums[3])), (real) (scale*(sums[1]-sums[4])), (real) (scale*(sums[2]-sums[5])), 0);
+            res[i] = make_real4((real) (scale*(sums[0]-sums[3])), (real) (scale*(sums[1]-sums[4])),
+                (real) (scale*(sums[2]-sums[5])), 0);
             random[i] = sums[0];
             random[i+STRIDE] = sums[1];
             random[i+2*STRIDE] = sums[2];
@@ -1149,7 +1151,7 @@ KERNEL BOUNDS void dpdRows(GLOBAL const real4* RESTRICT pos, GLOBAL const real4*
 }
 
 // How many passes the present bound needs: the host has the largest bound for each number of them.
-DEVICE int dpdPasses(GLOBAL const int* RESTRICT flags, GLOBAL const real* RESTRICT limits, real factor) {
+DEVICE int dpdPasses(READS(int) flags, READS(real) limits, real factor) {
     real bound = factor*(real) flags[BOUND];
     int passes = 1;
     while (passes < MOST_PASSES && bound > limits[passes])
@@ -1158,13 +1160,13 @@ DEVICE int dpdPasses(GLOBAL const int* RESTRICT flags, GLOBAL const real* RESTRI
 }
 
 // Corrections are in d: in `res` and d1 by turns, the first one is the residual itself, up to a factor.
-KERNEL BOUNDS void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross,
-        GLOBAL real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL real4* RESTRICT resNew, GLOBAL const real4* RESTRICT d, GLOBAL real4* RESTRICT dNew,
-        GLOBAL const int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, mixed halfdt, int pass) {
+KERNEL BOUNDS void dpdPass(HALTS, ROWS_OF(TAKE, READS), SOLVES, WRITES(real4) u, READS(real4) res, WRITES(real4) resNew,
+        READS(real4) d, WRITES(real4) dNew, int pass) {
     int passes = dpdPasses(flags, limits, factor);
     if (STOPPED || pass+1 >= passes)
         return;
-    real4 c = weights[passes*MOST_PASSES+pass]; // of the correction as it is, of the last correction and of the residual in the next one
+    // of the correction as it is, of the last correction and of the residual in the next one
+    real4 c = weights[passes*MOST_PASSES+pass];
     const mixed unit = 1/(mixed) 0x100000000;
     TOGETHER_SHARED(3)
     EACH_INDEX
@@ -1195,15 +1197,12 @@ KERNEL BOUNDS void dpdPass(GLOBAL const int* RESTRICT rowCount, GLOBAL const rea
     END_INDEX
 }
 
-// v += h/m (R - G u) with the last correction added to u, and v and x move on: kick by acc, drift, and (moves: 2) into the next cells.  Where the impulses are asked for by OpenMM,
-// they go to its force buffer too, divided by `share`.
-KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real4* RESTRICT corr, GLOBAL real4* RESTRICT posNew, GLOBAL real4* RESTRICT corrNew,
-        GLOBAL const mixed4* RESTRICT vel, GLOBAL mixed4* RESTRICT velNew, GLOBAL const mixed4* RESTRICT acc,
-        GLOBAL const int* RESTRICT rowCount, GLOBAL const real4* RESTRICT rows, GLOBAL const real* RESTRICT rowsAcross, GLOBAL const mm_long* RESTRICT random,
-        GLOBAL const real4* RESTRICT u, GLOBAL const real4* RESTRICT res, GLOBAL const real4* RESTRICT d1,
-        GLOBAL int* RESTRICT flags, int launch, GLOBAL const real* RESTRICT limits, GLOBAL const real4* RESTRICT weights, real factor, int launched,
-        GLOBAL mm_ulong* RESTRICT force, int share, mixed halfdt, mixed kick, int moves, GLOBAL const int* RESTRICT atomIndex, GLOBAL const int* RESTRICT types,
-        GLOBAL const real4* RESTRICT wallVelocity, GLOBAL const real4* RESTRICT cubics, mixed rub, mixed kT, mm_long key, FILL, DRIFT, BOX) {
+// v += h/m (R - G u) with the last correction added to u, and v and x move on: kick by acc, drift, and (moves: 2) into
+// the next cells.  Where the impulses are asked for by OpenMM, they go to its force buffer too, divided by `share`.
+KERNEL BOUNDS void dpdFinish(HALTS, PLACE, PLACE_NEW, KINDS, FILL, DRIFT, BOX, ROWS_OF(TAKE, READS), SOLVES,
+        READS(mixed4) vel, WRITES(mixed4) velNew, READS(mixed4) acc, READS(mm_long) random, READS(real4) u,
+        READS(real4) res, READS(real4) d1, WRITES(mm_ulong) force, READS(real4) cubics, mixed kick, mixed rub, mixed kT,
+        mm_long key, int launched, int share, int moves) {
     if (STOPPED)
         return;
     int passes = dpdPasses(flags, limits, factor);
@@ -1215,7 +1214,7 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
         CLEAR
     }
     real scale = weights[passes*MOST_PASSES+passes-1].x;
-    GLOBAL const real4* RESTRICT d = passes%2 ? res : d1;
+    READS(real4) d = passes%2 ? res : d1;
     TOGETHER_SHARED(3)
     EACH_INDEX
         real4 a = d[i], y = u[i];
@@ -1254,7 +1253,8 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
                 v.y += impulse*f[1];
                 v.z += impulse*f[2];
                 if (rub != 0) // beside walls with something behind them
-                    dpdRub(x, &v, types[i], rub, kT, dpdPairKey((mm_ulong) key, atomIndex[i], atomIndex[i]), cubics, DRIFT_);
+                    dpdRub(x, &v, types[i], rub, kT, dpdPairKey((mm_ulong) key, atomIndex[i], atomIndex[i]), cubics,
+                        DRIFT_);
                 if (kick != 0) {
                     dpdAdd(&v, kick, acc[i]);
                     dpdKickWalls(x, types[i], kick, DRIFT_);
@@ -1266,7 +1266,8 @@ KERNEL BOUNDS void dpdFinish(GLOBAL const real4* RESTRICT pos, GLOBAL const real
             if (moves)
                 dpdStore(posNew, corrNew, i, &x, pos[i].w);
             if (moves == 2)
-                dpdPut(i, types[i], atomIndex[i], x, dpdFelt(v, atomIndex[i], wallVelocity), FILL_, flags, launch, BOX_);
+                dpdPut(i, types[i], atomIndex[i], x, dpdFelt(v, atomIndex[i], wallVelocity), flags, launch, FILL_,
+                    BOX_);
         }
     END_INDEX
 }

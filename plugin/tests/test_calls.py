@@ -18,7 +18,7 @@ from openmm_dpd.model.schemes import SCHEMES
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent.parent
-SOURCE = "".join((HERE.parent / "engine" / name).read_text() for name in ("kernels.cc", "fields.cc", "rounds.cc"))
+SOURCE = "".join((HERE.parent / "engine" / name).read_text() for name in ("Arguments.h", "kernels.cc", "fields.cc", "rounds.cc"))
 KERNELS = set(re.findall(r"^KERNEL (?:BOUNDS )?void (\w+)", SOURCE, re.M))
 
 
