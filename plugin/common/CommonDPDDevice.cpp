@@ -7,7 +7,7 @@ using namespace DPDDevice;
 using namespace OpenMM;
 using namespace std;
 
-void CommonDevice::make(Array& array, Kind kind, size_t size) {
+void Device::make(Array& array, Kind kind, size_t size) {
     bool wideReal = cc.getUseDoublePrecision();
     int each = kind == Kind::Int ? 4 : kind == Kind::Long ? 8 : kind == Kind::Real ? (wideReal ? 8 : 4) : kind == Kind::Real4 ? (wideReal ? 32 : 16) : wide ? 32 : 16;
     long long more = (long long) size*each;
@@ -21,14 +21,14 @@ void CommonDevice::make(Array& array, Kind kind, size_t size) {
     bytesOfArrays += more;
 }
 
-void CommonDevice::upload(Array& array, Kind, const vector<double>& values) {
+void Device::upload(Array& array, Kind, const vector<double>& values) {
     if (cc.getUseDoublePrecision())
         array.upload(values);
     else
         array.upload(vector<float>(values.begin(), values.end()));
 }
 
-void CommonDevice::upload4(Array& array, Kind kind, const vector<std::array<double, 4> >& values) {
+void Device::upload4(Array& array, Kind kind, const vector<std::array<double, 4> >& values) {
     if (kind == Kind::Mixed4 ? wide : cc.getUseDoublePrecision()) {
         vector<mm_double4> numbers;
         for (auto& v : values)
@@ -55,10 +55,10 @@ private:
 // Checkpoints are loaded without any other word
 class CommonDPDDeviceKernel::Listener : public ComputeContext::ReorderListener {
 public:
-    Listener(CommonDevice& device) : device(device) {}
+    Listener(Device& device) : device(device) {}
     void execute() override { device.forget(); }
 private:
-    CommonDevice& device;
+    Device& device;
 };
 
 // g++ 12 believes from -O2 on that a double and its float are the same where it computes with several at once
@@ -69,7 +69,7 @@ static double single(double x) {
 
 // Molecules farther away from the box than this go back into it by whole boxes, and States read as before: as OpenMM moves them when it gives beads
 // another order, which it only does beside Forces with a cutoff.
-bool CommonDevice::wrap(const vector<vector<int> >& molecules, double far) {
+bool Device::wrap(const vector<vector<int> >& molecules, double far) {
     vector<mm_double4> x, rest;
     posq().download(x, true);
     if (mixed())
@@ -120,7 +120,7 @@ void CommonDPDDeviceKernel::initialize(const System& system, const DPDDeviceForc
         throw OpenMMException("DPDDeviceForce: pair updates of what particles carry need mixed or double precision, or the energy would grow by rounding");
     if (!force.fluid.shear.empty() && !cc.getUseDoublePrecision() && (!cc.getUseMixedPrecision() || system.getNumForces() > 1))
         throw OpenMMException("DPDDeviceForce: a shear needs mixed precision, and double precision beside Forces of OpenMM, for beads never go back into the box");
-    engine.reset(new Engine<CommonDevice>(device, force.fluid, system));
+    engine.reset(new Engine(device, force.fluid, system));
     Vec3 a, b, c;
     system.getDefaultPeriodicBoxVectors(a, b, c);
     triclinic = b[0] != 0 || c[0] != 0 || c[1] != 0; // OpenMM lets no box become triclinic later

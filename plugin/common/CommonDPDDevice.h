@@ -1,7 +1,8 @@
 #ifndef COMMON_DPD_DEVICE_H_
 #define COMMON_DPD_DEVICE_H_
 // The platforms with OpenMM's common compute interface: OpenCL, CUDA and HIP.
-#include "../engine/Engine.h"
+#include "../api/DPDDeviceForce.h"
+#include "../engine/Launch.h"
 #include "openmm/KernelFactory.h"
 #include "openmm/common/ComputeArray.h"
 #include "openmm/common/ComputeContext.h"
@@ -10,14 +11,14 @@
 
 namespace DPDDevice {
 
-class CommonDevice {
+class Device {
 public:
     using Base = OpenMM::ArrayInterface;
     using Array = OpenMM::ComputeArray;
     static constexpr bool everything = false; // the kernels are compiled for one scene
 
-    CommonDevice(OpenMM::ComputeContext& cc) : lanes(lanesOf(cc)), cc(cc), wide(cc.getUseDoublePrecision() || cc.getUseMixedPrecision()) {}
-    ~CommonDevice() { bytesOfArrays -= bytes; }
+    Device(OpenMM::ComputeContext& cc) : lanes(lanesOf(cc)), cc(cc), wide(cc.getUseDoublePrecision() || cc.getUseMixedPrecision()) {}
+    ~Device() { bytesOfArrays -= bytes; }
     int beads() const { return cc.getNumAtoms(); }
     int padded() const { return cc.getPaddedNumAtoms(); }
     void box(OpenMM::Vec3& a, OpenMM::Vec3& b, OpenMM::Vec3& c) const { cc.getPeriodicBoxVectors(a, b, c); }
@@ -123,6 +124,10 @@ private:
     std::map<std::string, OpenMM::ComputeKernel> kernels;
 };
 
+}
+#include "../engine/Engine.h" // of this Device
+namespace DPDDevice {
+
 class CommonDPDDeviceKernel : public DPDDeviceKernel {
 public:
     // names: what OR and MAX of an int are called on this platform, and how its compiler is told how large blocks are, if it asks
@@ -137,9 +142,9 @@ private:
     class Listener;
     void compile();
     OpenMM::ComputeContext& cc;
-    CommonDevice device;
+    Device device;
     std::map<std::string, std::string> names;
-    std::unique_ptr<Engine<CommonDevice> > engine;
+    std::unique_ptr<Engine> engine;
     bool triclinic = false;
 };
 

@@ -1,21 +1,16 @@
 #ifndef DPD_FIELDS_H_
 #define DPD_FIELDS_H_
 // Launches of fields.cc: what beads carry, in arrays on a device.
-#include "../api/DPDDeviceForce.h"
 #include "Arguments.h"
-#include "Launch.h"
-#include <algorithm>
-#include <array>
-#include <cmath>
+#include "Tables.h"
 #include <string>
-#include <vector>
 
 namespace DPDDevice {
 
-template <class Device> class Fields {
+class Fields {
 public:
-    using Array = typename Device::Array;
-    using Base = typename Device::Base;
+    using Array = Device::Array;
+    using Base = Device::Base;
 
     Fields(Device& device, const Fluid& fluid) : device(device), fluid(fluid) {
         int beads = device.beads();
@@ -56,14 +51,14 @@ public:
     // What is shown to friction, flows and forces that follow it: what beads have, and then own += half*rates
     template <class Stop> void advance(Stop stop, double half, double predict) {
         for (int block = 0; block < blocks && fluid.carries != NOTHING; block++)
-            device.template run<dpdAdvance_>(stop(), device.velm(), device.index(), own, rates, shown, states, block, Mixed{half}, Mixed{predict});
+            device.run<dpdAdvance_>(stop(), device.velm(), device.index(), own, rates, shown, states, block, Mixed{half}, Mixed{predict});
     }
 
     // Rates at positions in cells, and then own += half*rates
     template <class Stop, class Position, class Terms, class Cells, class Box> void flow(Stop stop, Position position, Base& vel, Terms terms, Cells cells, Box box,
             double dt, double half) {
         for (int block = 0; block < blocks && fluid.carries != NOTHING; block++)
-            device.template run<dpdCarry_>(stop(), position, terms, cells, box, together(SOURCES_OF(GIVE)), vel, own, rates, capacities, block,
+            device.run<dpdCarry_>(stop(), position, terms, cells, box, together(SOURCES_OF(GIVE)), vel, own, rates, capacities, block,
                 Real{1/std::sqrt(dt)}, Real{1/unit}, Mixed{half});
     }
 
@@ -72,7 +67,7 @@ public:
         bool rate = number >= RATES;
         number -= rate ? RATES : FIELDS;
         if (number < blocks && fluid.carries != NOTHING)
-            device.template run<dpdSwap_>(stop(), device.velm(), device.index(), rate ? rates : own, number);
+            device.run<dpdSwap_>(stop(), device.velm(), device.index(), rate ? rates : own, number);
     }
 
     // A sweep over a time at positions in cells, from pair to pair; sources act for a half of it before and after.  Rows, and how many rounds there are,
@@ -81,9 +76,9 @@ public:
             Array& rowCount, Array& rows, int rowRoom, int rounds, bool exact, double time, double kT) {
         give(stop, position, box, 0.5*time);
         list(stop, position, terms, cells, box, rowCount, rows, rowRoom);
-        device.template run<dpdSort_>(stop(), rowCount, rows, distances, hashes);
+        device.run<dpdSort_>(stop(), rowCount, rows, distances, hashes);
         for (int round = 0; round <= rounds; round++)
-            device.template run<dpdRound_>(stop(), terms, together(PAIRS_OF(GIVE, READS)), states, device.velm(), own, heads[round%2], heads[1-round%2],
+            device.run<dpdRound_>(stop(), terms, together(PAIRS_OF(GIVE, READS)), states, device.velm(), own, heads[round%2], heads[1-round%2],
                 Mixed{time}, Mixed{kT}, (int) exact, (int) (round == rounds));
         give(stop, position, box, 0.5*time);
         advance(stop, 0, 0);
@@ -92,7 +87,7 @@ public:
     // Rows of pairs; without any room they are only counted
     template <class Stop, class Position, class Terms, class Cells, class Box> void list(Stop stop, Position position, Terms terms, Cells cells, Box box,
             Array& rowCount, Array& rows, int rowRoom) {
-        device.template run<dpdPairs_>(stop(), position, terms, cells, box, together(PAIRS_OF(GIVE, READS)), hashes, device.velm(), heads[0], rowRoom,
+        device.run<dpdPairs_>(stop(), position, terms, cells, box, together(PAIRS_OF(GIVE, READS)), hashes, device.velm(), heads[0], rowRoom,
             Real{1/rateUnit});
     }
 
@@ -111,14 +106,7 @@ public:
 private:
     template <class Stop, class Position, class Box> void give(Stop stop, Position position, Box box, double time) {
         if (!fluid.sources.empty())
-            device.template run<dpdGive_>(stop(), position, together(SOURCES_OF(GIVE)), box, device.velm(), device.index(), own, Mixed{time});
-    }
-
-    static std::vector<std::array<double, 4> > inRows(const std::vector<double>& numbers) {
-        std::vector<std::array<double, 4> > rows(std::max<size_t>(1, numbers.size()/4));
-        for (size_t k = 0; k < numbers.size(); k++)
-            rows[k/4][k%4] = numbers[k];
-        return rows;
+            device.run<dpdGive_>(stop(), position, together(SOURCES_OF(GIVE)), box, device.velm(), device.index(), own, Mixed{time});
     }
 
     void make4(Array& array, Kind kind, const std::vector<std::array<double, 4> >& values) {

@@ -11,6 +11,14 @@
 
 namespace DPDDevice {
 
+// Numbers four by four, one row at least
+inline std::vector<std::array<double, 4> > inRows(const std::vector<double>& numbers) {
+    std::vector<std::array<double, 4> > rows(std::max<size_t>(1, numbers.size()/4));
+    for (size_t k = 0; k < numbers.size(); k++)
+        rows[k/4][k%4] = numbers[k];
+    return rows;
+}
+
 // Key of the noise of one evaluation: openmm_dpd/kernels/noise.py, call_key().
 inline uint64_t callKey(std::initializer_list<uint64_t> words) {
     uint64_t key = 0;

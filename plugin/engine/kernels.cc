@@ -12,22 +12,7 @@
 // do nothing: the host finds out when it looks.  Launches have numbers, so that all of the one that found it still
 // counts what room would be needed.
 
-#define STOP 0        // why nothing goes on: a sum of the next five
-#define CELLS_FULL 1
-#define ROWS_FULL 2
-#define FEW_PASSES 4
-#define RUNAWAY 8
-#define COLD 16       // a temperature that is not > 0
-#define NO_HEAT 32    // a negative coefficient of heat conduction
-#define FEW_ROUNDS 64
-#define MOST_IN_CELL 1
-#define MOST_IN_ROW 2
-#define BOUND 3       // of the eigenvalues of M^-1 G, in units of 2^-20 of the rate that the host passes
-#define MOST_BOUND 4
-#define TOO_LARGE 2000000000 // for such a bound
-#define WHO 5         // index of a bead that runs away
-#define WHEN 6        // the number of the launch that has set STOP
-#define MOVED 7       // of the launch that has found other positions than those kept
+#define TOO_LARGE 2000000000 // for a bound of eigenvalues
 #define STOPPED (flags[STOP] != 0 && flags[WHEN] != 0 && flags[WHEN] != launch)
 #define HALT(why) { flags[WHEN] = launch; ATOMIC_OR(&flags[STOP], why); }
 

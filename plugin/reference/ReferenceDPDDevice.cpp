@@ -1,7 +1,11 @@
 // The Reference and CPU platforms: the kernels as C++, in double precision and by one thread.
-#include "../engine/Engine.h"
+#include "../api/DPDDeviceForce.h"
+#include "../engine/Launch.h"
 #include "openmm/KernelFactory.h"
 #include "openmm/reference/ReferencePlatform.h"
+#include <algorithm>
+#include <cmath>
+#include <cstring>
 #include <memory>
 
 using namespace OpenMM;
@@ -30,41 +34,9 @@ thread_local int NUM_ATOMS, STRIDE, NUM_TYPES, LAYERS, BEHIND_AXIS, BEHIND_ROWS,
 thread_local double MAX_CUTOFF;
 thread_local bool PERIODIC, SHEARED, LUCY, LAMMPS, ENERGIES;
 
-#define make_mixed3 make_real3
-#define make_mixed4 make_real4
-#define KERNEL static
-#define DEVICE static inline
-#define GLOBAL
-#define RESTRICT __restrict__
-#define LANES 1
-#define GLOBAL_ID 0
-#define GLOBAL_SIZE 1
-#define ATOMIC_ADD(at, value) add(at, value)
-#define ATOMIC_OR(at, value) (*(at) |= (value))
-#define ATOMIC_MAX(at, value) (*(at) = max(*(at), value))
-#define SQRT sqrt
-#define RSQRT(x) (1/sqrt(x))
-#define LOG log
-#define POW pow
-#define TRICLINIC
-#define WALLS
-#define DRIVEN
-#define EXCEPTIONS
-#define IMMOBILE
-#define MASSES
-#define FIXED_SIGMA
-#define DETAILED
-#define TRANSVERSE
-#define MANY_BODY
-#define LUCY LUCY
-#define CARRIES CARRIES
-#include "../engine/kernels.cc"
-#include "../engine/fields.cc"
-#include "../engine/rounds.cc"
-
 }
 
-class ReferenceDevice {
+class Device {
 public:
     struct Array {
         vector<char> bytes;
@@ -73,7 +45,7 @@ public:
     using Base = Array;
     static constexpr bool everything = true; // the kernels are compiled for any scene
 
-    ReferenceDevice(ContextImpl& context, const System& system) : data(*static_cast<ReferencePlatform::PlatformData*>(context.getPlatformData())), n(system.getNumParticles()) {
+    Device(ContextImpl& context, const System& system) : data(*static_cast<ReferencePlatform::PlatformData*>(context.getPlatformData())), n(system.getNumParticles()) {
         make(x, Kind::Real4, n);
         make(v, Kind::Mixed4, n);
         make(f, Kind::Long, 3*n);
@@ -115,6 +87,7 @@ public:
         }
     }
     bool touched() { return true; } // nobody says
+    bool wrap(const vector<vector<int> >&, double) { return false; } // double precision goes farther than any bead
     void note() {}
     void beforeOthers() { give(); }
     bool afterOthers() {
@@ -140,9 +113,7 @@ public:
     void upload4(Array& array, Kind kind, const vector<std::array<double, 4> >& values) { upload(array, kind, values); }
     template <class T> void download(Array& array, vector<T>& values) { memcpy(values.data(), array.bytes.data(), values.size()*sizeof(T)); }
 
-    template <class Tag, class... T> void run(T&&... arguments) {
-        apply([&](auto&&... values) { call(Tag(), given(values)...); }, tuple_cat(flat(std::forward<T>(arguments))...));
-    }
+    template <class Tag, class... T> void run(T&&... arguments);
 
 private:
     struct Pointer { // to whatever a kernel takes
@@ -155,9 +126,6 @@ private:
     static double given(Mixed value) { return value.value; }
     static double given(Real value) { return value.value; }
     static Kernels::mixed4 given(Mixed4 v) { return {v.x, v.y, v.z, v.w}; }
-#define DPD_CALL(name, share) template <class... T> static void call(name##_, T... values) { Kernels::name(values...); }
-    DPD_KERNELS(DPD_CALL)
-#undef DPD_CALL
 
     ReferencePlatform::PlatformData& data;
     const int n;
@@ -165,18 +133,65 @@ private:
     Array x, v, f, u, order;
 };
 
+}
+#include "../engine/Engine.h" // of this Device
+namespace DPDDevice {
+
+namespace Kernels {
+
+#define make_mixed3 make_real3
+#define make_mixed4 make_real4
+#define KERNEL static
+#define DEVICE static inline
+#define GLOBAL
+#define RESTRICT __restrict__
+#define LANES 1
+#define GLOBAL_ID 0
+#define GLOBAL_SIZE 1
+#define ATOMIC_ADD(at, value) add(at, value)
+#define ATOMIC_OR(at, value) (*(at) |= (value))
+#define ATOMIC_MAX(at, value) (*(at) = max(*(at), value))
+#define SQRT sqrt
+#define RSQRT(x) (1/sqrt(x))
+#define LOG log
+#define POW pow
+#define TRICLINIC
+#define WALLS
+#define DRIVEN
+#define EXCEPTIONS
+#define IMMOBILE
+#define MASSES
+#define FIXED_SIGMA
+#define DETAILED
+#define TRANSVERSE
+#define MANY_BODY
+#define LUCY LUCY
+#define CARRIES CARRIES
+#include "../engine/kernels.cc"
+#include "../engine/fields.cc"
+#include "../engine/rounds.cc"
+
+#define DPD_CALL(name, share) template <class... T> void call(name##_, T... values) { name(values...); }
+DPD_KERNELS(DPD_CALL)
+
+}
+
+template <class Tag, class... T> void Device::run(T&&... arguments) {
+    apply([&](auto&&... values) { Kernels::call(Tag(), given(values)...); }, tuple_cat(flat(std::forward<T>(arguments))...));
+}
+
 class ReferenceDPDDeviceKernel : public DPDDeviceKernel {
 public:
     ReferenceDPDDeviceKernel(string name, const Platform& platform, ContextImpl& context) : DPDDeviceKernel(name, platform), context(context) {}
     void initialize(const System& system, const DPDDeviceForce& force) override {
-        device.reset(new ReferenceDevice(context, system));
-        engine.reset(new Engine<ReferenceDevice>(*device, force.fluid, system));
+        device.reset(new Device(context, system));
+        engine.reset(new Engine(*device, force.fluid, system));
     }
     double execute(ContextImpl& context, bool includeForces, bool includeEnergy) override {
         begin();
         return engine->execute(context, includeForces, includeEnergy);
     }
-    bool wrap(ContextImpl&) override { return false; } // double precision goes farther than any bead
+    bool wrap(ContextImpl&) override { return false; }
     void step(ContextImpl& context, int others) override {
         begin();
         engine->step(context, others);
@@ -201,8 +216,8 @@ private:
         device->take();
     }
     ContextImpl& context;
-    unique_ptr<ReferenceDevice> device;
-    unique_ptr<Engine<ReferenceDevice> > engine;
+    unique_ptr<Device> device;
+    unique_ptr<Engine > engine;
 };
 
 class ReferenceFactory : public KernelFactory {

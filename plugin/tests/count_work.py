@@ -57,7 +57,7 @@ def instructions(scheme: str) -> float:
 
 
 def sectors(edge: float = 20.5, width: int = 2) -> dict[str, float]:
-    """Two places of a cell are a sector.  A block takes cells in columns of two by two (Engine.h), or as many beads in the order of their numbers."""
+    """Two places of a cell are a sector.  A block takes cells in columns of two by two (Storage.h), or as many beads in the order of their numbers."""
     x = diffused(edge)
     n = int(edge / 1.0001)
     cell = (x / edge * n).astype(int)
