@@ -25,6 +25,7 @@ from ..model.pairs import checked
 from ..model.scene import Scene
 from ..plan.device import PRECISION
 from ..plan.explain import explain_plan
+from ..plan.forces.device_force import update_force
 from ..plan.made import variables_number
 from ..plan.pair_spec import longest
 from ..plan.plan import Plan
@@ -34,7 +35,7 @@ from .downhill import descend
 from .fields import raw_bonds
 from .integrators import NativeIntegrator, PairIntegrator
 from .programs.program import Program
-from .watching import whole_steps
+from .watching import Watching, whole_steps
 
 _LOGGER = logging.getLogger("openmm_dpd")
 #: Longest displacement of a bead in one iteration of the minimiser, in cutoffs.
@@ -279,6 +280,30 @@ class BuiltSystem:
         if self.plan.execution.on_device:
             check_device(context, self.plan)
         return simulation
+
+    def update_in_context(self, context: openmm.Context) -> None:
+        """Give the repulsion and friction of this build to a Context that another one with the engine "device" has made, as
+        ``updateParametersInContext`` of OpenMM's forces does.
+
+        They act from the next step on, with the bits of a new Simulation with the same positions, velocities and parameters.  Temperature,
+        step size and seed stay those of the Context.  Measure with this build from then on.
+
+        Parameters
+        ----------
+        context : openmm.Context
+            Of a scene that differs in the numbers A, B, gamma, sigma and gamma_perp of its pairs alone.
+
+        Raises
+        ------
+        PlanError
+            If the two differ in anything else, another engine has made one of them, or there is friction, transverse friction, a fixed
+            sigma or repulsion in one of them alone.
+        """
+        integrator = context.getIntegrator()
+        if not isinstance(integrator, Watching):
+            raise PlanError("the Context has an integrator of another package, which does not notice that forces change")
+        integrator.changed(context)
+        update_force(self.system, context)
 
     def scene_in(self, context: openmm.Context) -> Scene:
         """The scene with the bonds, angles, dihedrals and types that a Context has now, which reactions change."""

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <set>
 #include <sstream>
 
 using namespace DPDDevice;
@@ -149,6 +150,10 @@ public:
             return 0.0;
         return kernel.getAs<DPDDeviceKernel>().execute(context, includeForces, includeEnergy);
     }
+    void update(ContextImpl& context) {
+        kernel.getAs<DPDDeviceKernel>().update(owner.fluid);
+        context.systemChanged();
+    }
     map<string, double> getDefaultParameters() override { return owner.fluid.globals; }
     vector<string> getKernelNames() override { return {DPDDeviceKernel::Name()}; }
 private:
@@ -185,20 +190,15 @@ public:
         node.setIntProperty("forceGroup", force.getForceGroup());
         node.setStringProperty("name", force.getName());
         node.setBoolProperty("periodic", fluid.periodic);
+        node.setBoolProperty("lammps", fluid.lammps);
         node.setDoubleProperty("tolerance", fluid.tolerance);
-        node.setIntProperty("numTypes", fluid.numTypes);
-        node.setStringProperty("types", joined(fluid.types));
+        node.setDoubleProperty("behindReach", fluid.behindReach);
+        for (auto& item : numbers(fluid))
+            node.setIntProperty(item.first, *item.second);
+        for (auto& item : lists(fluid))
+            node.setStringProperty(item.first, joined(*item.second));
         for (auto& item : tables(fluid))
             node.setStringProperty(item.first, joined(*item.second));
-        node.setStringProperty("exceptionBeads", joined(fluid.exceptionBeads));
-        node.setIntProperty("fastGroups", fluid.fastGroups);
-        node.setIntProperty("carries", fluid.carries);
-        node.setBoolProperty("lammps", fluid.lammps);
-        node.setStringProperty("takes", joined(fluid.takes));
-        node.setStringProperty("alone", joined(fluid.alone));
-        node.setIntProperty("bodyGroup", fluid.bodyGroup);
-        node.setIntProperty("behindAxis", fluid.behindAxis);
-        node.setDoubleProperty("behindReach", fluid.behindReach);
         string letters;
         vector<double> parts;
         for (auto& letter : fluid.word) {
@@ -219,20 +219,15 @@ public:
         force->setName(node.getStringProperty("name", force->getName()));
         Fluid& fluid = force->fluid;
         fluid.periodic = node.getBoolProperty("periodic", true);
+        fluid.lammps = node.getBoolProperty("lammps", false);
         fluid.tolerance = node.getDoubleProperty("tolerance", fluid.tolerance);
-        fluid.numTypes = node.getIntProperty("numTypes", 1);
-        split(node, "types", fluid.types);
+        fluid.behindReach = node.getDoubleProperty("behindReach", 0);
+        for (auto& item : numbers(fluid))
+            *item.second = node.getIntProperty(item.first, *item.second);
+        for (auto& item : lists(fluid))
+            split(node, item.first, *item.second);
         for (auto& item : tables(fluid))
             split(node, item.first, *item.second);
-        split(node, "exceptionBeads", fluid.exceptionBeads);
-        fluid.fastGroups = node.getIntProperty("fastGroups", fluid.fastGroups);
-        fluid.carries = node.getIntProperty("carries", NOTHING);
-        fluid.lammps = node.getBoolProperty("lammps", false);
-        split(node, "takes", fluid.takes);
-        split(node, "alone", fluid.alone);
-        fluid.bodyGroup = node.getIntProperty("bodyGroup", 0);
-        fluid.behindAxis = node.getIntProperty("behindAxis", 0);
-        fluid.behindReach = node.getDoubleProperty("behindReach", 0);
         string letters = node.getStringProperty("letters", "");
         vector<double> parts;
         split(node, "parts", parts);
@@ -248,6 +243,13 @@ public:
         return force.release();
     }
 private:
+    static vector<pair<string, int*> > numbers(Fluid& fluid) {
+        return {{"numTypes", &fluid.numTypes}, {"fastGroups", &fluid.fastGroups}, {"carries", &fluid.carries}, {"bodyGroup", &fluid.bodyGroup},
+            {"behindAxis", &fluid.behindAxis}};
+    }
+    static vector<pair<string, vector<int>*> > lists(Fluid& fluid) {
+        return {{"types", &fluid.types}, {"exceptionBeads", &fluid.exceptionBeads}, {"takes", &fluid.takes}, {"alone", &fluid.alone}};
+    }
     static vector<pair<string, vector<double>*> > tables(Fluid& fluid) {
         return {{"A", &fluid.A}, {"gamma", &fluid.gamma}, {"sigma", &fluid.sigma}, {"gammaAcross", &fluid.gammaAcross}, {"exponent", &fluid.exponent},
             {"exponentAcross", &fluid.exponentAcross}, {"cutoff", &fluid.cutoff}, {"exceptionFactors", &fluid.exceptionFactors},
@@ -265,6 +267,36 @@ DPDDeviceForce::DPDDeviceForce() {
 
 ForceImpl* DPDDeviceForce::createImpl() const {
     return new DPDDeviceForceImpl(*this);
+}
+
+void DPDDeviceForce::updateParametersInContext(Context& context) {
+    fluid.check();
+    dynamic_cast<DPDDeviceForceImpl&>(getImplInContext(context)).update(getContextImpl(context));
+}
+
+// For Python, which knows this class as a Force alone: repulsion and friction of one to another one, and to its Context; returns why not, or nothing
+extern "C" DPD_EXPORT const char* dpdUpdate(const Force* from, Force* to, Context* context) {
+    static thread_local string why;
+    auto& force = dynamic_cast<DPDDeviceForce&>(*to);
+    const Fluid before = force.fluid, &like = dynamic_cast<const DPDDeviceForce&>(*from).fluid;
+    try {
+        SerializationNode here, there;
+        DPDDeviceForceProxy().serialize(to, here);
+        DPDDeviceForceProxy().serialize(from, there);
+        for (auto& item : here.getProperties())
+            if (there.getStringProperty(item.first) != item.second && !set<string>{"A", "B", "gamma", "sigma", "gammaAcross", "carried"}.count(item.first))
+                throw OpenMMException("DPDDeviceForce: "+item.first+" of a Context cannot change; make a new one");
+        force.fluid = like;
+        force.fluid.globals = before.globals;
+        force.fluid.carried = before.carried;
+        force.updateParametersInContext(*context);
+        return "";
+    }
+    catch (const exception& error) {
+        force.fluid = before;
+        why = error.what();
+        return why.c_str();
+    }
 }
 
 extern "C" __attribute__((constructor)) void registerDPDDeviceProxies() {

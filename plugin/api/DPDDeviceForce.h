@@ -70,6 +70,8 @@ class DPD_EXPORT DPDDeviceForce : public OpenMM::Force {
 public:
     DPDDeviceForce();
     Fluid fluid;
+    // Repulsion and friction (A, B, gamma, sigma, gammaAcross) as `fluid` has them now, to a Context
+    void updateParametersInContext(OpenMM::Context& context);
     bool usesPeriodicBoundaryConditions() const override { return fluid.periodic; }
 protected:
     OpenMM::ForceImpl* createImpl() const override;
@@ -88,6 +90,8 @@ public:
     virtual bool wrap(OpenMM::ContextImpl& context) = 0;
     // A whole step; others: groups of the other Forces that act in it
     virtual void step(OpenMM::ContextImpl& context, int others) = 0;
+    // Another repulsion and friction
+    virtual void update(const Fluid& fluid) = 0;
 };
 
 }

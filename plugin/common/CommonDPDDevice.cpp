@@ -1,7 +1,6 @@
 #include "CommonDPDDevice.h"
 #include "KernelSource.h"
 #include "openmm/common/ComputeForceInfo.h"
-#include "openmm/common/ContextSelector.h"
 
 using namespace DPDDevice;
 using namespace OpenMM;
@@ -19,28 +18,6 @@ void Device::make(Array& array, Kind kind, size_t size) {
         array.initialize(cc, size, each, "dpd");
     bytes += more;
     bytesOfArrays += more;
-}
-
-void Device::upload(Array& array, Kind, const vector<double>& values) {
-    if (cc.getUseDoublePrecision())
-        array.upload(values);
-    else
-        array.upload(vector<float>(values.begin(), values.end()));
-}
-
-void Device::upload4(Array& array, Kind kind, const vector<std::array<double, 4> >& values) {
-    if (kind == Kind::Mixed4 ? wide : cc.getUseDoublePrecision()) {
-        vector<mm_double4> numbers;
-        for (auto& v : values)
-            numbers.push_back(mm_double4(v[0], v[1], v[2], v[3]));
-        array.upload(numbers);
-    }
-    else {
-        vector<mm_float4> numbers;
-        for (auto& v : values)
-            numbers.push_back(mm_float4((float) v[0], (float) v[1], (float) v[2], (float) v[3]));
-        array.upload(numbers);
-    }
 }
 
 // OpenMM may give beads of one type another order
@@ -142,22 +119,4 @@ void CommonDPDDeviceKernel::compile() {
     if (engine->fluid.carries != NOTHING) // these take time to compile
         source += kernelSources[2]+(engine->fluid.word.size() > 1 ? kernelSources[3] : "");
     device.program = cc.compileProgram(source, defines);
-}
-
-double CommonDPDDeviceKernel::execute(ContextImpl& context, bool includeForces, bool includeEnergy) {
-    ContextSelector selector(cc);
-    compile();
-    return engine->execute(context, includeForces, includeEnergy);
-}
-
-bool CommonDPDDeviceKernel::wrap(ContextImpl& context) {
-    ContextSelector selector(cc);
-    compile();
-    return engine->wrap(context);
-}
-
-void CommonDPDDeviceKernel::step(ContextImpl& context, int others) {
-    ContextSelector selector(cc);
-    compile();
-    engine->step(context, others);
 }

@@ -6,6 +6,7 @@
 #include "openmm/KernelFactory.h"
 #include "openmm/common/ComputeArray.h"
 #include "openmm/common/ComputeContext.h"
+#include "openmm/common/ContextSelector.h"
 #include <cstdlib>
 #include <memory>
 
@@ -47,9 +48,11 @@ public:
     void copy(Base& from, Array& to) { from.copyTo(to); }
     void make(Array& array, Kind kind, size_t size);
     void clear(Array& array) { cc.clearBuffer(array); }
-    void upload(Array& array, Kind, const std::vector<int>& values) { array.upload(values); }
-    void upload(Array& array, Kind kind, const std::vector<double>& values);
-    void upload4(Array& array, Kind kind, const std::vector<std::array<double, 4> >& values);
+    template <class T> void fill(Array& array, Kind kind, const std::vector<T>& values) {
+        make(array, kind, values.size());
+        upload(array, values);
+    }
+    template <class T> void upload(Array& array, const std::vector<T>& values) { array.upload(values, true); } // doubles rounded, where the array has floats
     template <class T> void download(Array& array, std::vector<T>& values) { array.download(values); }
 
     template <class Tag, class... T> void run(T&&... arguments) {
@@ -134,10 +137,18 @@ public:
     CommonDPDDeviceKernel(std::string name, const OpenMM::Platform& platform, OpenMM::ComputeContext& cc, std::map<std::string, std::string> names) :
         DPDDeviceKernel(name, platform), cc(cc), device(cc), names(names) {}
     void initialize(const OpenMM::System& system, const DPDDeviceForce& force) override;
-    double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) override;
-    bool wrap(OpenMM::ContextImpl& context) override;
-    void step(OpenMM::ContextImpl& context, int others) override;
+    double execute(OpenMM::ContextImpl& context, bool includeForces, bool includeEnergy) override {
+        return here([&] { return engine->execute(context, includeForces, includeEnergy); });
+    }
+    bool wrap(OpenMM::ContextImpl& context) override { return here([&] { return engine->wrap(context); }); }
+    void step(OpenMM::ContextImpl& context, int others) override { here([&] { engine->step(context, others); }); }
+    void update(const Fluid& fluid) override { here([&] { engine->update(fluid); }); }
 private:
+    template <class T> auto here(T&& what) -> decltype(what()) {
+        OpenMM::ContextSelector selector(cc);
+        compile();
+        return what();
+    }
     class ForceInfo;
     class Listener;
     void compile();

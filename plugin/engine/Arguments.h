@@ -8,16 +8,15 @@
 #define READS(type) GLOBAL const type* RESTRICT
 #define WRITES(type) GLOBAL type* RESTRICT
 
-// Flags: why nothing goes on (a sum of the constants below), room that would be needed, the bound of the eigenvalues of
-// M^-1 G, in units of 2^-20 of the rate that the host passes, since it was reset and ever, the index of a bead that runs
-// away, the numbers of the launches that have set STOP, and that have found other positions than those kept
+// Flags: why nothing goes on (a sum of the constants below), room that would be needed, the bound of the eigenvalues
+// of M^-1 G, in units of 2^-20 of the rate that the host passes, since it was reset and ever, the bead that runs away,
+// the numbers of the launches that have set STOP, and that have found other positions than those kept
 enum { STOP, MOST_IN_CELL, MOST_IN_ROW, BOUND, MOST_BOUND, WHO, WHEN, MOVED, FLAGS };
 // COLD: a temperature that is not > 0, NO_HEAT: a negative coefficient of heat conduction
 enum { CELLS_FULL = 1, ROWS_FULL = 2, FEW_PASSES = 4, RUNAWAY = 8, COLD = 16, NO_HEAT = 32, FEW_ROUNDS = 64 };
 
 // The box: edges, their inverses, the components below the diagonal (b.x, c.x, c.y), edges of cells, their numbers, and
-// places in each. Without a box it is the period of the cells alone: beads of other periods seem near, until they are
-// looked at.
+// places in each.  Without a box it is the period of the cells: beads of other periods seem near, until looked at.
 #define BOX_OF(X) \
     X(mixed4, edges, edges), \
     X(mixed4, inverse, inverse), \

@@ -32,20 +32,18 @@ public:
         for (size_t k = fluid.carries == SPECIES ? 4 : 0; k < fluid.carrying.size(); k += fluid.carries == HEAT ? 12 : 4)
             fastest = std::max(fastest, largest*std::fabs(fluid.carrying[k]));
         rateUnit = fastest > 0 ? std::ldexp(1.0, (int) std::floor(std::log2(fastest))-10) : 1.0;
-        make4(carrying, Kind::Real4, inRows(fluid.carrying));
-        make4(sources, Kind::Mixed4, inRows(fluid.sources));
-        make4(states, Kind::Mixed4, inRows(fluid.states));
+        device.fill(carrying, Kind::Real4, inRows(fluid.carrying));
+        device.fill(sources, Kind::Mixed4, inRows(fluid.sources));
+        device.fill(states, Kind::Mixed4, inRows(fluid.states));
         for (auto array : {&own, &shown, &rates})
-            make4(*array, Kind::Mixed4, values);
-        make4(rates, Kind::Mixed4, std::vector<std::array<double, 4> >(values.size(), {0, 0, 0, 0}));
+            device.fill(*array, Kind::Mixed4, values);
+        device.fill(rates, Kind::Mixed4, std::vector<std::array<double, 4> >(values.size(), {0, 0, 0, 0}));
         std::vector<double> capacities = fluid.capacities;
         capacities.resize(std::max<size_t>(1, capacities.size()), 1);
-        device.make(this->capacities, Kind::Real, capacities.size());
-        device.upload(this->capacities, Kind::Real, capacities);
+        device.fill(this->capacities, Kind::Real, capacities);
         std::vector<int> takes = fluid.takes;
         takes.resize(std::max<size_t>(1, takes.size()), 0);
-        device.make(this->takes, Kind::Int, takes.size());
-        device.upload(this->takes, Kind::Int, takes);
+        device.fill(this->takes, Kind::Int, takes);
     }
 
     // What is shown to friction, flows and forces that follow it: what beads have, and then own += half*rates
@@ -107,11 +105,6 @@ private:
     template <class Stop, class Position, class Box> void give(Stop stop, Position position, Box box, double time) {
         if (!fluid.sources.empty())
             device.run<dpdGive_>(stop(), position, together(SOURCES_OF(GIVE)), box, device.velm(), device.index(), own, Mixed{time});
-    }
-
-    void make4(Array& array, Kind kind, const std::vector<std::array<double, 4> >& values) {
-        device.make(array, kind, values.size());
-        device.upload4(array, kind, values);
     }
 
     Device& device;

@@ -10,6 +10,12 @@ class Steps : public Storage {
 public:
     using Storage::Storage;
 
+    // Another repulsion and friction: nothing is kept, and room is measured anew.
+    void update(const Fluid& other) {
+        Storage::update(other);
+        haveKept = begun = false;
+    }
+
     // A whole step, from OpenMM's positions and velocities to OpenMM's.  Beside a word the forces of groups that are not fast kick before and after it.
     void step(OpenMM::ContextImpl& context, int others) {
         Now now = at(context);

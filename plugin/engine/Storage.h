@@ -21,38 +21,22 @@ public:
     using Array = Device::Array; // one of the Engine's
     using Base = Device::Base;   // any of the device's
 
-    const Fluid fluid;
+    Fluid fluid;
 
     Storage(Device& device, const Fluid& fluid, const OpenMM::System& system) : fluid(fluid), device(device), fields(device, this->fluid) {
         int beads = system.getNumParticles();
-        size_t rowsOfTables = fluid.A.size();
         if (beads > 1<<24)
             throw OpenMM::OpenMMException("DPDDeviceForce: more than 16,777,216 beads, which single precision cannot count");
-        std::vector<std::array<double, 4> > first(rowsOfTables), second(rowsOfTables), of(rowsOfTables, {0, 1e30, 1e30, 0});
-        for (size_t k = 0; k < rowsOfTables; k++) {
-            bool fixedSigma = fluid.sigma[k] >= 0;
-            first[k] = {fluid.A[k], fixedSigma ? fluid.sigma[k] : std::sqrt(fluid.gamma[k]), fluid.cutoff[k] > 0 ? 1/fluid.cutoff[k] : 1e30, fixedSigma ? 1.0 : 0.0};
-            second[k] = {std::sqrt(fluid.gammaAcross[k]), fluid.exponent[k], fluid.exponentAcross[k], 0};
-            anyFixedSigma |= fixedSigma;
-            thermostat |= first[k][1] != 0 || second[k][0] != 0 || fluid.carries != NOTHING;
-            conservative |= fluid.A[k] != 0 || manyBody();
-            if (manyBody()) {
-                double h = fluid.cutoffDensity[k];
-                of[k] = {fluid.B[k], fluid.cutoffB[k] > 0 ? 1/fluid.cutoffB[k] : 1e30, h > 0 ? 1/h : 1e30, h > 0 ? (lucy() ? 105/16.0 : 7.5)/(3.14159265358979323846*h*h*h) : 0};
-            }
-        }
-        fill4(many, of);
-        fill(massOf, Kind::Real, lucy() ? fluid.densityWeights : std::vector<double>(1, 1));
-        fill4(params, first);
-        fill4(more, second);
-        fill4(cubics, normalCubics());
+        makeTables();
+        device.fill(massOf, Kind::Real, lucy() ? fluid.densityWeights : std::vector<double>(1, 1));
+        device.fill(cubics, Kind::Real4, normalCubics());
         std::vector<double> limits = passLimits(fluid.tolerance);
         passRange = limits;
-        fill(this->limits, Kind::Real, limits);
-        fill4(weights, passWeights(limits));
+        device.fill(this->limits, Kind::Real, limits);
+        device.fill(weights, Kind::Real4, passWeights(limits));
         std::vector<int> types = fluid.types, start(beads+1, 0), partner;
         types.resize(device.padded(), -1);
-        fill(this->types, Kind::Int, types);
+        device.fill(this->types, Kind::Int, types);
         for (size_t k = 0; k < fluid.exceptionBeads.size(); k += 2) {
             start[fluid.exceptionBeads[k]+1]++;
             partner.push_back(fluid.exceptionBeads[k+1]);
@@ -62,9 +46,9 @@ public:
         partner.push_back(0);
         std::vector<double> factors = fluid.exceptionFactors;
         factors.push_back(1);
-        fill(exceptionStart, Kind::Int, start);
-        fill(exceptionBead, Kind::Int, partner);
-        fill(exceptionFactor, Kind::Real, factors);
+        device.fill(exceptionStart, Kind::Int, start);
+        device.fill(exceptionBead, Kind::Int, partner);
+        device.fill(exceptionFactor, Kind::Real, factors);
         if ((double) beads*fluid.numTypes > 4294967295.0)
             throw OpenMM::OpenMMException("DPDDeviceForce: beads times types are more than 4,294,967,295, which have no room in 32 bits");
         std::vector<std::array<double, 4> > wall(fluid.wallVelocity.empty() ? 1 : beads, {0, 0, 0, 0}), planes = {{-1e30, -1e30, -1e30, 0}, {1e30, 1e30, 1e30, 0}, {-1e9, -1e9, -1e9, 0}, {4e9, 4e9, 4e9, 0}, {0, 0, 0, 0}};
@@ -88,12 +72,10 @@ public:
         planes.resize(11, {0, 0, 0, 0});
         for (size_t k = 0; k < fluid.wallMotion.size(); k++)
             planes[5+k/4][k%4] = fluid.wallMotion[k];
-        fill4(wallVelocity, wall);
-        device.make(walls, Kind::Mixed4, planes.size());
-        device.upload4(walls, Kind::Mixed4, planes);
-        fill4(behind, inRows(fluid.behind));
-        conservative |= !fluid.behind.empty();
-        fill(alone, Kind::Int, partial() ? fluid.alone : std::vector<int>(1, 0));
+        device.fill(wallVelocity, Kind::Real4, wall);
+        device.fill(walls, Kind::Mixed4, planes);
+        device.fill(behind, Kind::Real4, inRows(fluid.behind));
+        device.fill(alone, Kind::Int, partial() ? fluid.alone : std::vector<int>(1, 0));
         device.make(external, Kind::Long, partial() ? 3*device.padded() : 1);
         device.clear(external);
         device.make(impulses, Kind::Long, IMPULSES);
@@ -110,6 +92,20 @@ public:
         device.make(beside, Kind::Long, 1);
         device.make(flags, Kind::Int, FLAGS);
         device.clear(flags);
+    }
+
+    // Another repulsion and friction, for which the kernels are compiled already
+    void update(const Fluid& other) {
+        auto terms = [&] { return std::make_tuple(defines(false), thermostat, conservative); };
+        auto before = terms();
+        const Fluid old = std::exchange(fluid, other);
+        makeTables();
+        if (terms() == before)
+            return;
+        fluid = old;
+        makeTables();
+        throw OpenMM::OpenMMException("DPDDeviceForce: in a Context there cannot be friction, transverse friction, a fixed sigma or repulsion"
+            " where there was none, nor none where there was; make a new one");
     }
 
     // What kernels.cc is compiled with
@@ -226,13 +222,27 @@ protected:
 
     bool transverse() const { return *std::max_element(fluid.gammaAcross.begin(), fluid.gammaAcross.end()) > 0; }
 
-    template <class T> void fill(Array& array, Kind kind, const std::vector<T>& values) {
-        device.make(array, kind, values.size());
-        device.upload(array, kind, values);
-    }
-    void fill4(Array& array, const std::vector<std::array<double, 4> >& values) {
-        device.make(array, Kind::Real4, values.size());
-        device.upload4(array, Kind::Real4, values);
+    // Tables of pairs of types: repulsion and friction
+    void makeTables() {
+        size_t pairs = fluid.A.size();
+        anyFixedSigma = thermostat = false;
+        conservative = !fluid.behind.empty();
+        std::vector<std::array<double, 4> > first(pairs), second(pairs), of(pairs, {0, 1e30, 1e30, 0});
+        for (size_t k = 0; k < pairs; k++) {
+            bool fixedSigma = fluid.sigma[k] >= 0;
+            first[k] = {fluid.A[k], fixedSigma ? fluid.sigma[k] : std::sqrt(fluid.gamma[k]), fluid.cutoff[k] > 0 ? 1/fluid.cutoff[k] : 1e30, fixedSigma ? 1.0 : 0.0};
+            second[k] = {std::sqrt(fluid.gammaAcross[k]), fluid.exponent[k], fluid.exponentAcross[k], 0};
+            anyFixedSigma |= fixedSigma;
+            thermostat |= first[k][1] != 0 || second[k][0] != 0 || fluid.carries != NOTHING;
+            conservative |= fluid.A[k] != 0 || manyBody();
+            if (manyBody()) {
+                double h = fluid.cutoffDensity[k];
+                of[k] = {fluid.B[k], fluid.cutoffB[k] > 0 ? 1/fluid.cutoffB[k] : 1e30, h > 0 ? 1/h : 1e30, h > 0 ? (lucy() ? 105/16.0 : 7.5)/(3.14159265358979323846*h*h*h) : 0};
+            }
+        }
+        device.fill(many, Kind::Real4, of);
+        device.fill(params, Kind::Real4, first);
+        device.fill(more, Kind::Real4, second);
     }
 
     // As many cells as fit between the faces of the box; without a box as many as beads need, which repeat.
@@ -315,7 +325,7 @@ protected:
                             order.push_back(x|(y+k%2)<<10|(z+k/2)<<20);
         for (int k = 1; (int) order.size() < cellCapacity; k++)
             order.push_back(-k);
-        device.upload(walk, Kind::Int, order);
+        device.upload(walk, order);
         share = device.share(perCell);
         binned = standing = false;
     }

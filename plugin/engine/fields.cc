@@ -2,8 +2,7 @@
 // diffuse (tdpd.py).  Three values of a bead are in a block, and a block of all beads in the order of their numbers,
 // which OpenMM never changes.
 //
-// Flows between two beads are computed from both sides with the same bits up to the sign, and sums of fixed-point
-// numbers keep what flows.
+// Flows between two beads have the same bits from both sides, up to the sign, and fixed-point sums keep what flows.
 
 DEVICE real dpdClamped(real x) {
     return min((real) 5, max((real) -5, x));
@@ -23,8 +22,7 @@ DEVICE mixed dpdBound(mixed4 s, int upper, READS(mixed4) states) {
     return upper ? (mixed) 1e30 : s.y == CONSTANT_CAPACITY ? (mixed) 1e-30 : (mixed) -1e30;
 }
 
-// 1/temperature, minus its slope, and the entropy of a bead with an energy; with a curve that of the nearest end, if it
-// is out of range
+// 1/temperature, minus its slope, and the entropy of a bead with an energy; out of a curve's range those of its end
 DEVICE mixed3 dpdState(mixed u, mixed4 s, READS(mixed4) states) {
     if (s.y == CONSTANT_CAPACITY)
         return make_mixed3(s.x/u, s.x/(u*u), s.x*log(u));
@@ -111,8 +109,7 @@ DEVICE real dpdHeat(DPDBead* self, DPDBead* other, real3 delta, real r2, READS(m
     return 0;
 }
 
-// What flows of a species to a bead from a partner.  Rows of `carrying`: 1/cutoff; then of each species kappa, epsilon
-// and half of the exponent.
+// A species' flow to a bead from a partner.  Rows of `carrying`: 1/cutoff; of each species kappa, epsilon, exponent/2.
 DEVICE real dpdSpecies(DPDBead* self, DPDBead* other, real r2, int species, mixed mine, mixed theirs, TERMS,
         real perRootDt) {
     int index = self->index, partner = other->index, row = ROW(0)*CARRYING_ROWS;
@@ -178,8 +175,7 @@ DEVICE mixed4 dpdGiven(int index, int block, mixed3 x, SOURCES, BOX) {
 // sees; `own` += part*rates.
 KERNEL BOUNDS void dpdCarry(HALTS, PLACE, TERMS, CELLS, BOX, SOURCES, READS(mixed4) vel, GLOBAL mixed4* own,
         WRITES(mixed4) rates, READS(real) capacities, int block, real perRootDt, real perUnit, mixed part) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     SHARED(3)
     EACH_BEAD
         mm_long sums[3] = {0, 0, 0};
@@ -200,12 +196,10 @@ KERNEL BOUNDS void dpdCarry(HALTS, PLACE, TERMS, CELLS, BOX, SOURCES, READS(mixe
     END_BEAD
 }
 
-// own += part*rates, and shown = own + predict*rates as they were, of energies the temperature: what friction and flows
-// will see.
+// own += part*rates, and shown = own + predict*rates as they were (of energies the temperature), which friction sees.
 KERNEL void dpdAdvance(HALTS, READS(mixed4) velm, READS(int) atomIndex, WRITES(mixed4) own, READS(mixed4) rates,
         WRITES(mixed4) shown, READS(mixed4) states, int block, mixed part, mixed predict) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         int at = block*NUM_ATOMS+atomIndex[i];
         mixed4 value = own[at], seen = value, rate = rates[at];
@@ -226,8 +220,7 @@ KERNEL void dpdAdvance(HALTS, READS(mixed4) velm, READS(int) atomIndex, WRITES(m
 
 // Velocities of beads that move and a block change places.
 KERNEL void dpdSwap(HALTS, WRITES(mixed4) velm, READS(int) atomIndex, WRITES(mixed4) values, int block) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         int at = block*NUM_ATOMS+atomIndex[i];
         mixed4 v = velm[i], kept = values[at];

@@ -144,8 +144,7 @@ DEVICE real dpdNormal(mm_ulong bits, READS(real4) cubics) {
         z = c.x+place*(c.y+place*(c.z+place*c.w));
     }
     else {
-        // 255-cell and 1-place in one number that is never rounded to 0: single precision would draw infinity once in
-        // 8e9 times
+        // 255-cell and 1-place in one number that is never rounded to 0, for else one draw in 8e9 would be infinite
         real p = ((real) (mm_long) ((~bits>>3)&0xFFFFFFFFFFFFFFFUL)+(real) 0.5)*(real) 4.336808689942018e-19;
         real r = SQRT(-LOG(p));
         if (r <= 5) {
@@ -324,8 +323,7 @@ DEVICE mixed4 dpdFelt(mixed4 v, int index, READS(real4) wallVelocity) {
 #define INVERSE_MASS(vel, i) ((real) EQUAL_MASS)
 #endif
 
-// What beads carry (fields.cc): heat, as temperatures (with the heat of LAMMPS's code or not) or as ENERGIES, or
-// species that diffuse.
+// What beads carry (fields.cc): heat, as temperatures (maybe with LAMMPS's heat) or as ENERGIES, or species.
 #define HEAT 1
 #define SPECIES 2
 #ifndef CARRIES
@@ -340,8 +338,7 @@ DEVICE real dpdPolynomial(real4 c, real y) {
     return 1+y*(c.x+y*(c.y+y*(c.z+y*c.w)));
 }
 
-// Mean and harmonic mean of the temperatures of two beads, the same from either of them, and the root of the weight of
-// friction between them
+// Mean and harmonic mean of the temperatures of two beads, the same from either, and the root of their friction weight
 DEVICE real3 dpdWarm(int row, int a, int b, real w, READS(real4) carrying, READS(mixed4) carried) {
     real s = (real) carried[a].x, t = (real) carried[b].x, low = min(s, t), high = max(s, t),
         mean = (real) 0.5*(low+high);
@@ -469,8 +466,7 @@ DEVICE int dpdGather(DPDSearch* search, int cell, int where, float* around, int*
     return n;
 }
 
-// Which of them are near a bead of the cell, itself too, without branches, which nobody could predict: returns how
-// many.
+// Which of them, and how many, are near a bead of the cell, itself too, without branches, which nobody could predict
 DEVICE int dpdFind(int cell, int slot, float* around, int* slots, int n, int* list, CELLS, BOX) {
     real4 origin = beads[cell*room], here = beads[slot];
     float hx = (float) (here.x-origin.x), hy = (float) (here.y-origin.y), hz = (float) (here.z-origin.z);
@@ -660,8 +656,7 @@ DEVICE real dpdDensityOf(int layer, DPDBead* self, DPDBead* other, real r2, TERM
 }
 
 KERNEL BOUNDS void dpdDensity(HALTS, PLACE, TERMS, CELLS, BOX, WRITES(real) density) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     SHARED(1)
     EACH_BEAD
         mm_long sum[1] = {0};
@@ -794,8 +789,7 @@ DEVICE void dpdRub(mixed3 x, mixed4* v, int type, mixed time, mixed kT, mm_ulong
 // For OpenMM: adds to its force and energy buffers.
 KERNEL BOUNDS void dpdEvaluate(HALTS, PLACE, TERMS, CELLS, DRIFT, BOX, WRITES(mm_ulong) force,
         WRITES(mixed) energyBuffer, int terms) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     SHARED(4)
     mixed energy = 0;
     EACH_BEAD
@@ -866,8 +860,7 @@ DEVICE void dpdDrift(mixed3* x, mixed4* v, DRIFT) {
 KERNEL void dpdMove(HALTS, PLACE, PLACE_NEW, PLACE_COPY, KINDS, FILL, DRIFT, BOX, WRITES(mixed4) velm,
         READS(mixed4) acc, WRITES(mixed4) seen, READS(mixed4) slow, mixed kick, mixed predict, mixed kickSlow,
         int moves) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     CLEAR
     if (GLOBAL_ID == 0)
         flags[BOUND] = 0;
@@ -910,12 +903,10 @@ KERNEL void dpdMove(HALTS, PLACE, PLACE_NEW, PLACE_COPY, KINDS, FILL, DRIFT, BOX
 
 // acc = F/m with these terms and the force of others, v += kick*acc, x += drift*v; moves: 1 the beads into the next
 // cells, 2 only their positions to posNew, 3 as 1 and a copy of x.  Without friction, velocities in cells are the new
-// ones (in `motionNew`).  useOthers: 2 keeps the force of others.  partial: along some axes only the `external` force
-// acts on a bead.
+// ones (in `motionNew`).  useOthers: 2 keeps the force of others.
 KERNEL BOUNDS void dpdKick(HALTS, PLACE, PLACE_NEW, PLACE_COPY, TERMS, CELLS, FILL, DRIFT, BOX, OTHERS,
         WRITES(mixed4) velm, WRITES(mixed4) acc, mixed kick, int useOthers, int terms, int moves) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     bool drifts = moves == 1 || moves == 3;
     if (drifts) {
         CLEAR
@@ -972,8 +963,7 @@ KERNEL BOUNDS void dpdKick(HALTS, PLACE, PLACE_NEW, PLACE_COPY, TERMS, CELLS, FI
 
 // What the force of others has changed by since it was kept is added to acc, but where only the `external` force acts.
 KERNEL void dpdRenew(HALTS, OTHERS, READS(int) atomIndex, READS(mixed4) velm, WRITES(mixed4) acc) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         mixed4 a = acc[i];
         mixed scale = velm[i].w/(mixed) 0x100000000;
@@ -995,23 +985,20 @@ KERNEL void dpdCompare(HALTS, PLACE, READS(real4) posKept, READS(real4) corrKept
 }
 
 // Velocities and what is kept change places, and the positions are kept.
-KERNEL void dpdExchange(HALTS, PLACE, WRITES(real4) posKept, WRITES(real4) corrKept, WRITES(mixed4) velm,
-        WRITES(mixed4) kept) {
-    if (STOPPED)
-        return;
+KERNEL void dpdExchange(HALTS, PLACE, PLACE_COPY, WRITES(mixed4) velm, WRITES(mixed4) kept) {
+    if (STOPPED) return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         mixed4 v = velm[i], k = kept[i];
         velm[i] = make_mixed4(k.x, k.y, k.z, v.w);
         kept[i] = v;
         mixed3 x = dpdLoad(pos, corr, i);
-        dpdStore(posKept, corrKept, i, &x, pos[i].w);
+        dpdStore(posCopy, corrCopy, i, &x, pos[i].w);
     }
 }
 
 // Velocities to which a rate times the height is added, with which a flow goes
 KERNEL void dpdFollow(HALTS, PLACE, GLOBAL const mixed4* from, GLOBAL mixed4* to, mixed rate) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         mixed4 v = from[i];
         v.x += rate*dpdLoad(pos, corr, i).y;
@@ -1020,8 +1007,7 @@ KERNEL void dpdFollow(HALTS, PLACE, GLOBAL const mixed4* from, GLOBAL mixed4* to
 }
 
 // Pair updates of all pairs at once, an implicit midpoint step: (1 + h/2 M^-1 G) u = v + h/2 M^-1 R by Chebyshev
-// iteration from u = v, and then v += h M^-1 (R - G u).  It leaves Maxwell's distribution unchanged for any h, whatever
-// the number of pairs.
+// iteration from u = v, and then v += h M^-1 (R - G u).  It leaves Maxwell's distribution unchanged for any h.
 //
 // Rows: entry k of bead i at k*STRIDE+i is a vector s along the line to the partner, whose index is in w.  The friction
 // of a difference of velocities d is s (s.d), and with transverse friction sign*s (s.d) + t d, where t (with the sign)
@@ -1083,8 +1069,10 @@ DEVICE INLINED bool dpdRow(int layer, DPDBead* self, DPDBead* other, real3 delta
 
 #ifdef TRANSVERSE
 #define KEEP_ACROSS rowsAcross[k*STRIDE+i] = across;
+#define ACROSS(k) rowsAcross[(k)*STRIDE+i]
 #else
 #define KEEP_ACROSS
+#define ACROSS(k) 0
 #endif
 #define KEEP_ROW \
     real4 row; \
@@ -1099,8 +1087,7 @@ DEVICE INLINED bool dpdRow(int layer, DPDBead* self, DPDBead* other, real3 delta
 
 KERNEL BOUNDS void dpdRows(HALTS, PLACE, TERMS, CELLS, BOX, ROWS_OF(TAKE, WRITES), int rowRoom, READS(mixed4) vel,
         WRITES(mm_long) random, WRITES(real4) u, WRITES(real4) res, mixed halfdt, real perRate) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     const mixed unit = 1/(mixed) 0x100000000;
     SHARED(7)
     EACH_BEAD
@@ -1161,11 +1148,7 @@ KERNEL BOUNDS void dpdPass(HALTS, ROWS_OF(TAKE, READS), SOLVES, WRITES(real4) u,
         for (int k = lane; k < n; k += LANES) {
             real4 s = rows[k*STRIDE+i];
             real4 o = d[(int) s.w];
-#ifdef TRANSVERSE
-            real3 f = dpdFriction(s, rowsAcross[k*STRIDE+i], a.x-o.x, a.y-o.y, a.z-o.z);
-#else
-            real3 f = dpdFriction(s, 0, a.x-o.x, a.y-o.y, a.z-o.z);
-#endif
+            real3 f = dpdFriction(s, ACROSS(k), a.x-o.x, a.y-o.y, a.z-o.z);
             q[0] += realToFixedPoint(f.x);
             q[1] += realToFixedPoint(f.y);
             q[2] += realToFixedPoint(f.z);
@@ -1188,8 +1171,7 @@ KERNEL BOUNDS void dpdFinish(HALTS, PLACE, PLACE_NEW, KINDS, FILL, DRIFT, BOX, R
         READS(mixed4) vel, WRITES(mixed4) velNew, READS(mixed4) acc, READS(mm_long) random, READS(real4) u,
         READS(real4) res, READS(real4) d1, WRITES(mm_ulong) force, READS(real4) cubics, mixed kick, mixed rub, mixed kT,
         mm_long key, int launched, int share, int moves) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     int passes = dpdPasses(flags, limits, factor);
     if (passes-1 > launched || factor*(real) flags[BOUND] > limits[MOST_PASSES-1]) {
         HALT(FEW_PASSES)
@@ -1211,11 +1193,7 @@ KERNEL BOUNDS void dpdFinish(HALTS, PLACE, PLACE_NEW, KINDS, FILL, DRIFT, BOX, R
             int j = (int) s.w;
             real4 b = d[j], o = u[j];
             real x = vx-(o.x+scale*b.x), y_ = vy-(o.y+scale*b.y), z = vz-(o.z+scale*b.z);
-#ifdef TRANSVERSE
-            real3 g = dpdFriction(s, rowsAcross[k*STRIDE+i], x, y_, z);
-#else
-            real3 g = dpdFriction(s, 0, x, y_, z);
-#endif
+            real3 g = dpdFriction(s, ACROSS(k), x, y_, z);
             f[0] -= realToFixedPoint(g.x);
             f[1] -= realToFixedPoint(g.y);
             f[2] -= realToFixedPoint(g.z);

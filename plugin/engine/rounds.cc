@@ -79,8 +79,7 @@ DEVICE bool dpdFlows(DPDBead* self, DPDBead* other, real r, READS(mixed4) vel, T
 // Rows of the pairs of each bead, and sums over them of the rates of exchange (times the partner's heat capacity).
 KERNEL BOUNDS void dpdPairs(HALTS, PLACE, TERMS, CELLS, BOX, PAIRS_OF(TAKE, WRITES), WRITES(mm_long) hashes,
         READS(mixed4) vel, WRITES(int) heads, int rowRoom, real perUnit) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     SHARED(3)
     EACH_BEAD
         mm_long sums[3] = {0, 0, 0};
@@ -102,8 +101,7 @@ KERNEL BOUNDS void dpdPairs(HALTS, PLACE, TERMS, CELLS, BOX, PAIRS_OF(TAKE, WRIT
 
 // The rows of each bead in the order of their hashes
 KERNEL void dpdSort(HALTS, READS(int) rowCount, WRITES(real4) rows, WRITES(real) distances, WRITES(mm_long) hashes) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE)
         for (int k = 1; k < rowCount[i]; k++) {
             mm_long hash = hashes[k*STRIDE+i];
@@ -210,8 +208,7 @@ DEVICE mixed dpdBalance(mixed total, mixed4 si, mixed4 sj, READS(mixed4) states)
 }
 
 // Motion of two beads with energies (openmm_dpd/kernels/energy_updates.py): the change of the relative velocity, and in
-// `gained` what each bead gets.  ti and tj are the temperatures before the sweep, at which updates act that are not
-// exact.
+// `gained` what each bead gets.  ti and tj are temperatures before the sweep, at which updates act that are not exact.
 DEVICE mixed dpdEnergyMotion(mixed ev, mixed im, mixed square, real r, int row, real f, bool exact, mixed dt, mixed ui,
         mixed uj, mixed4 si, mixed4 sj, mixed ti, mixed tj, mm_ulong pair, READS(real4) params, READS(real4) cubics,
         READS(mixed4) states, mixed* gained) {
@@ -277,8 +274,7 @@ DEVICE void dpdMixedPair(real r, int row, int species, mixed dt, mixed moving, m
 // The first pairs of beads, where they are that of both
 KERNEL void dpdRound(HALTS, TERMS, PAIRS_OF(TAKE, READS), READS(mixed4) states, WRITES(mixed4) velm, WRITES(mixed4) own,
         READS(int) heads, WRITES(int) headsNew, mixed dt, mixed kT, int exact, int last) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE) {
         int h = heads[i];
         headsNew[i] = h;
@@ -354,8 +350,7 @@ KERNEL void dpdRound(HALTS, TERMS, PAIRS_OF(TAKE, READS), READS(mixed4) states, 
 // What sources give in a time
 KERNEL void dpdGive(HALTS, PLACE, SOURCES, BOX, READS(mixed4) velm, READS(int) atomIndex, WRITES(mixed4) own,
         mixed time) {
-    if (STOPPED)
-        return;
+    if (STOPPED) return;
     for (int i = GLOBAL_ID; i < NUM_ATOMS; i += GLOBAL_SIZE)
         if (velm[i].w != 0) {
             int bead = atomIndex[i];

@@ -31,6 +31,16 @@ def bytes_of_arrays() -> int:
     return function()
 
 
+def update_force(new: openmm.Force, force: openmm.Force, context: openmm.Context) -> str:
+    """Give repulsion and friction of a DPDDeviceForce to the one of a Context; returns why not, empty if it was done.
+
+    OpenMM's Python knows both as an openmm.Force, which has no ``updateParametersInContext``.
+    """
+    function = ctypes.CDLL(str(_library("Reference"))).dpdUpdate
+    function.argtypes, function.restype = [ctypes.c_void_p] * 3, ctypes.c_char_p
+    return function(*(int(each.this) for each in (new, force, context))).decode()
+
+
 def _library(platform: str) -> Path:
     return Path(__file__).parent / f"lib{_LIBRARIES[platform]}.so"
 

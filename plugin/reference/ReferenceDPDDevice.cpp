@@ -108,9 +108,12 @@ public:
         array.bytes.assign(size*bytes.at(kind), 0);
     }
     void copy(Base& from, Array& to) { to = from; }
-    void clear(Array& array) { fill(array.bytes.begin(), array.bytes.end(), 0); }
-    template <class T> void upload(Array& array, Kind, const vector<T>& values) { memcpy(array.bytes.data(), values.data(), values.size()*sizeof(T)); }
-    void upload4(Array& array, Kind kind, const vector<std::array<double, 4> >& values) { upload(array, kind, values); }
+    void clear(Array& array) { array.bytes.assign(array.bytes.size(), 0); }
+    template <class T> void fill(Array& array, Kind kind, const vector<T>& values) {
+        make(array, kind, values.size());
+        upload(array, values);
+    }
+    template <class T> void upload(Array& array, const vector<T>& values) { memcpy(array.bytes.data(), values.data(), values.size()*sizeof(T)); }
     template <class T> void download(Array& array, vector<T>& values) { memcpy(values.data(), array.bytes.data(), values.size()*sizeof(T)); }
 
     template <class Tag, class... T> void run(T&&... arguments);
@@ -197,6 +200,7 @@ public:
         engine->step(context, others);
         device->give();
     }
+    void update(const Fluid& fluid) override { engine->update(fluid); }
 private:
     void begin() {
         const Fluid& fluid = engine->fluid;

@@ -15,7 +15,9 @@ import numpy as np
 import openmm
 
 from ...base import names
+from ...base.errors import PlanError
 from ...base.names import Phase
+from ...base.openmm_private import masses_of
 from ...kernels.driven import Driven
 from ...kernels.eos import EOSTable
 from ...kernels.fields import FieldSpec
@@ -173,3 +175,31 @@ def device_force(
     text = "".join(f" {name}={quoteattr(str(value))}" for name, value in attributes.items())
     inside = "".join(f'<Parameter name="{name}" default="{value!r}"/>' for name, value in parameters.items())
     return openmm.XmlSerializer.deserialize(f"<Force{text}><GlobalParameters>{inside}</GlobalParameters></Force>")
+
+
+def update_force(system: openmm.System, context: openmm.Context) -> None:
+    """Give a Context the repulsion and friction that the pair force of a System has.
+
+    Raises
+    ------
+    PlanError
+        If the pair force of either is not the plugin's, or the two differ in anything else.
+    """
+    theirs = context.getSystem()
+    new, old = (next((f for f in each.getForces() if f.getName() == names.PAIR_FORCE), None) for each in (system, theirs))
+    if any(force is None or isinstance(force, openmm.PythonForce) for force in (new, old)):
+        raise PlanError(
+            "only the engine 'device' takes another repulsion and friction in a Context; with others, make a new Simulation, and load the "
+            "state of the old one (saveState, loadState)"
+        )
+    known = {openmm.XmlSerializer.serialize(force) for force in theirs.getForces() if force.getName() != names.PAIR_FORCE}
+    for force in system.getForces():
+        if force.getName() != names.PAIR_FORCE and openmm.XmlSerializer.serialize(force) not in known:
+            raise PlanError(f"the Context has no such {force.getName()}: only repulsion and friction can change in it")
+    if not np.array_equal(masses_of(system), masses_of(theirs)):
+        raise PlanError("the beads of the Context have other masses: only repulsion and friction can change in it")
+    update = getattr(plugin(), "update_force", None)
+    if update is None:
+        raise PlanError("this openmm-dpd-device is older and cannot change a Context: install it again")
+    if wrong := update(new, old, context):
+        raise PlanError(wrong.removeprefix("DPDDeviceForce: "))
