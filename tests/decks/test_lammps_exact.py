@@ -82,6 +82,18 @@ region u union 2 s c
 region i intersect 2 s e
 """
     + "".join(f"group {name} region {name}\n" for name in "soceui"),
+    "ellipsoids and prisms": """region b block 0 10 0 10 0 10 units box
+create_box 1 b
+lattice fcc 1.3
+region e ellipsoid 3 3 3 2 1.5 1
+region p prism 0 4 1 4 2 5 1 -0.5 0.5
+region u intersect 2 e p
+region n ellipsoid 3.1 2.2 3 0.9 1.5 1.3 side out
+create_atoms 1 region e
+create_atoms 1 region p
+delete_atoms region u
+"""
+    + "".join(f"group {name} region {name}\n" for name in "epn"),
     "groups": """lattice sc 0.125
 region b block 0 5 0 2 0 2
 create_box 3 b

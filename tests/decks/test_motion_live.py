@@ -141,6 +141,8 @@ REGIONS = {
     "cone, outside": "cone x 1.4 2 0.15 0.05 1 1.3 side out",
     "plane": "plane 1 2 -1.2 -0.2 0.3 1",
     "plane, outside": "plane 1 2 6.2 -0.2 0.3 1 side out",
+    "prism": "prism -1.3 3 0.1 4.3 -0.4 5.2 -0.3 0.4 -0.5",
+    "prism, outside": "prism 1.1 1.2 1.4 1.5 1.9 2.1 0.05 -0.04 0.03 side out",
 }
 PARTS = "region one {} units box\nregion two {} units box\n"
 JOINED = {
@@ -155,10 +157,17 @@ DECKS |= {
     for name, (a, b, both) in JOINED.items()
 }
 STYLES = ("lj93 1 0.5 1.2", "harmonic 7 1 1.6", "morse 2 1.5 0.6 1.4", "lj126 1 0.4 1.2", "lj1043 1 0.3 1.2", "harmonic 9 1 1.5")
-STYLES += ("harmonic 8 1 1.5", "lj93 1 0.4 1.2", "harmonic 5 1 1.7", "morse 2 1.5 0.6 1.4")
+STYLES += ("harmonic 8 1 1.5", "lj93 1 0.4 1.2", "harmonic 5 1 1.7", "morse 2 1.5 0.6 1.4", "harmonic 8 1 1.2", "morse 2 1.5 0.6 1.6")
 DECKS |= {
     f"wall/region {name}": f"region w {region} units box\n" + wall(f"region w {style}", "[3]")
     for (name, region), style in zip(REGIONS.items(), STYLES, strict=True)
+}
+#: LAMMPS (22 July 2025) has their energies, but other forces.
+ELLIPSOIDS = {"": "2 2 2 5.5 5 4.5", ", outside": "1.3 1.3 1.3 0.3 0.2 0.1 side out"}
+DECKS |= {
+    f"wall/region ellipsoid{side}": f"region w ellipsoid {region} units box\nfix w all wall/region w harmonic 9 1 4\nthermo_style custom step "
+    "f_w\nrun 0\n"
+    for side, region in ELLIPSOIDS.items()
 }
 
 
@@ -200,6 +209,25 @@ def test_the_outside_of_a_union_is_the_intersection_of_the_outsides():
     (found, expected), inside = ([np.column_stack(each) for each in region.distances(x)] for region in pair), known["ain"].contains(x)
     assert np.isfinite(found[0]).any() and not np.isfinite(found[0][inside, 0]).any()
     assert all(np.array_equal(*each) for each in zip(found, expected, strict=True))
+
+
+@pytest.mark.parametrize("words", ["ellipsoid 1 0.5 0 3 1.5 2", "prism -1 3 0 4 0 5 1.3 -0.7 0.9"])
+def test_forces_of_walls_are_those_of_the_nearest_points(words):
+    """Directions are the gradients of distances, which are 0 where a bead is put back by them; and of an ellipsoid LAMMPS has no right ones."""
+    region, x = parse_region(words.split(), np.ones(3), None, {}, float), np.random.default_rng(1).uniform(-5, 6, (300, 3))
+    x[:3] = [[1.7, 0.5, 0], [1.0, 0.7, 0.0], [1.2, 1.0, 1.1]]
+    for sees, its in ((region.distances, region.contains(x)), (region.outer, ~region.contains(x))):
+        sides = [np.array([side[0] for side in sees(x[its] + move)]) for move in 1e-5 * np.concatenate([np.eye(3), -np.eye(3)])]
+        for k, (r, normal) in enumerate(sees(x[its])):
+            slopes = np.array([(sides[axis][k] - sides[axis + 3][k]) / 2e-5 for axis in range(3)]).T
+            assert np.allclose(slopes[3 * its[0] :], normal[3 * its[0] :], rtol=0, atol=1e-6)
+            feet = x[its] - r[:, None] * normal
+            assert its.any() and np.all(r >= 0) and np.allclose(np.linalg.norm(normal, axis=1), 1)
+            if "ellipsoid" in words:
+                assert np.allclose(np.sum(((feet - [1, 0.5, 0]) / [3, 1.5, 2]) ** 2, axis=1), 1, rtol=1e-12)
+                around = np.random.default_rng(2).normal(size=(3000, 3))
+                around = [1, 0.5, 0] + [3, 1.5, 2] * around / np.linalg.norm(around, axis=1)[:, None]
+                assert np.all(r <= np.linalg.norm(x[its, None] - around, axis=2).min(axis=1))
 
 
 def test_tables_agree():
@@ -248,7 +276,6 @@ WRONG = {
     "fix l all nvt temp 0 1 1": "must be above 0",
     "fix l all efield 1 1 1": "needs atom_style charge or full",
     "fix l all spring tether 1 0 0 0": "needs 5|expected",
-    "region r block 0 1 0 1 0 1\nregion e ellipsoid 0 0 0 1 1 2\nregion u union 2 r e\nfix l all wall/region u harmonic 1 1 1": "must be of blocks, spheres",
     "fix l all viscous 1\nfix_modify l energy yes": "has no energy here",
     "fix l all viscous 1\nfix_modify l virial yes": "virial yes is not supported",
     "fix l all adapt 1 pair dpd/ext a0 * * v_x": "a pair style of fix adapt",

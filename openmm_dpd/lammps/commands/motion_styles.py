@@ -250,12 +250,10 @@ def _wall(state: DeckState, group: str, words: list[str], style: str) -> dict:
 
 def _wall_region(state: DeckState, group: str, words: list[str]) -> dict:
     read.count(words, "fix ID group wall/region region-ID style coefficients cutoff", 4, None)
-    region = state.region(words[0])
+    state.region(words[0])
     style = read.choice(words[1], "the style of fix wall/region", list(WALL_WORDS))
     names = WALL_WORDS[style]
     read.count(words[2:], f"fix ID group wall/region region-ID {style} {' '.join(names)} cutoff", len(names) + 1)
-    if region.distances is None:
-        raise ParameterError(f"fix wall/region: region '{words[0]}' must be of blocks, spheres, cylinders, cones or planes")
     coefficients = [repr(read.number(word, f"{name} of fix wall/region")) for word, name in zip(words[2:-1], names, strict=True)]
     cutoff = read.positive(words[-1], "the cutoff of the wall")
     return {"region": words[0], "potential": style, "coefficients": coefficients, "cutoff": cutoff}

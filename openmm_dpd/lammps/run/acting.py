@@ -137,8 +137,8 @@ def _contacts(fix: Fix, moment: Resolver, beads: np.ndarray) -> Iterator[Contact
     given = fix.parameters
     if fix.style == "wall/region":
         region, x = moment.region(given["region"]), moment.folded[0][beads]
-        if region.distances is None or not region.contains(x).all():
-            raise RunError(f"fix {fix.name} ({fix.style}): beads are behind the wall, or the region has none any more")
+        if not region.contains(x).all():
+            raise RunError(f"fix {fix.name} ({fix.style}): beads are behind the wall")
         for r, normal in region.distances(x):
             yield r, normal, [float(word) for word in given["coefficients"]], given["cutoff"]
     for face, (place, unit, words, cutoff) in given.get("faces", {}).items():

@@ -22,13 +22,13 @@ class Region:
 
     style: str  #: Its style, a key of :data:`REGION_STYLES`
     contains: Callable[[np.ndarray], np.ndarray]  #: Mask of the (N, 3) points that are inside
+    #: Distances (N,) of points to each face, seen from the points that the region contains, and the directions (N, 3) away from it.
+    distances: Distances
+    outer: Distances  #: The same of its outside
     bounds: tuple[np.ndarray, np.ndarray] | None = None  #: Corners of an enclosing box, infinite where the region is INF
     box: Box | None = None  #: The box that ``create_box`` makes of it (block and prism only)
     #: Lower and upper corner (perhaps infinite) of a block, or centre and radius of a sphere; None for other regions.
     shape: tuple[np.ndarray, np.ndarray] | tuple[np.ndarray, float] | None = None
-    #: Distances (N,) of points to each face, seen from the points that the region contains, and the directions (N, 3) away from it.
-    distances: Distances | None = None
-    outer: Distances | None = None  #: The same of its outside
     parts: tuple[str, ...] = ()  #: Names of the regions in a union or intersection
     #: The region with the present values of its variables; None if it has none.
     renewed: Callable[[Value | None], Region] | None = None
@@ -36,7 +36,7 @@ class Region:
     @property
     def outside(self) -> Region:
         """All that is outside."""
-        return Region(self.style, lambda points: ~self.contains(points), parts=self.parts, distances=self.outer, outer=self.distances)
+        return Region(self.style, lambda points: ~self.contains(points), self.outer, self.distances, parts=self.parts)
 
 
 def _edge(word: str, axis: int, upper: bool, scale: np.ndarray, box: Box | None) -> float:
@@ -69,9 +69,9 @@ def _block(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     return Region(
         "block",
         lambda points: np.all((points >= low) & (points <= high), axis=1),
-        *((low, high), made, (low, high)),
         lambda x: [(side * (x[:, k] - end[k]), np.broadcast_to(side * np.eye(3)[k], x.shape)) for k, side, end in faces],
         lambda x: [_away(x - np.clip(x, low, high))],
+        *((low, high), made, (low, high)),
     )
 
 
@@ -79,6 +79,12 @@ def _away(arms: np.ndarray, radius: float = 0.0, side: float = 1.0) -> tuple[np.
     """Lengths of arms beyond a radius, and their directions; ``side`` -1: short of it, towards the middle."""
     length = np.linalg.norm(arms, axis=1)
     return side * (length - radius), side * arms / np.where(length > 0, length, 1.0)[:, None]
+
+
+def _nearest(x: np.ndarray, feet: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the nearest ones of some feet (N, 3), and directions away from them."""
+    best = np.array([np.linalg.norm(x - foot, axis=1) for foot in feet]).argmin(axis=0)
+    return _away(x - np.array(feet)[best, np.arange(len(x))])
 
 
 def _prism(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -93,7 +99,28 @@ def _prism(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         fractions = prism.fractions(points)
         return np.all((fractions >= 0) & (fractions <= 1), axis=1)
 
-    return Region("prism", contains, prism.bounds, prism)
+    edges, inverse = prism.vectors, np.linalg.inv(prism.vectors)
+    steep = np.linalg.norm(inverse, axis=0)
+    normals = inverse.T / steep[:, None]
+
+    def inner(x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        heights = (x - low) @ inverse
+        sides = [(k, s, end) for k in range(3) for s, end in ((1.0, 0.0), (-1.0, 1.0))]
+        return [(s * (heights[:, k] - end) / steep[k], np.broadcast_to(s * normals[k], x.shape)) for k, s, end in sides]
+
+    def outer(x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        feet = []
+        for k in range(3):
+            a, b = (axis for axis in range(3) if axis != k)
+            for corner in (low + m * edges[a] + n * edges[b] for m in (0, 1) for n in (0, 1)):
+                feet.append(corner + np.clip((x - corner) @ edges[k] / (edges[k] @ edges[k]), 0.0, 1.0)[:, None] * edges[k])
+            for end in (0, 1):
+                foot = x - ((x - low - end * edges[k]) @ normals[k])[:, None] * normals[k]
+                within = np.abs((foot - low) @ inverse[:, [a, b]] - 0.5).max(axis=1) <= 0.5
+                feet.append(np.where(within[:, None], foot, np.inf))
+        return [_nearest(x, feet)]
+
+    return Region("prism", contains, inner, outer, prism.bounds, prism)
 
 
 def _distance(points: np.ndarray, centre: np.ndarray) -> np.ndarray:
@@ -106,7 +133,7 @@ def _sphere(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     radius = read.non_negative(words[3], "the radius of the sphere") * scale[0]
     bounds, inner = (centre - radius, centre + radius), lambda x: [_away(x - centre, radius, -1.0)]
     return Region(
-        "sphere", lambda x: _distance(x, centre) <= radius, bounds, None, (centre, radius), inner, lambda x: [_away(x - centre, radius)]
+        "sphere", lambda x: _distance(x, centre) <= radius, inner, lambda x: [_away(x - centre, radius)], bounds, None, (centre, radius)
     )
 
 
@@ -135,7 +162,7 @@ def _cylinder(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         beyond, direction = _away((x - middle) * across, radius)
         return [_away(np.maximum(beyond, 0.0)[:, None] * direction + (x - np.clip(x, low, high)) * ends)]
 
-    return Region("cylinder", contains, (corner, opposite), None, None, inner, outer)
+    return Region("cylinder", contains, inner, outer, (corner, opposite))
 
 
 def _cone(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -163,20 +190,41 @@ def _cone(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         for z, r, dz, dr in ((a, b, c - a, d - b) for a, b, c, d in segments):
             part = np.clip(((x[:, axis] - z) * dz + (radius - r) * dr) / (dz * dz + dr * dr), 0.0, 1.0)
             feet.append(middle * across + (z + part * dz)[:, None] * ends + (r + part * dr)[:, None] * direction)
-        arms = np.array([_away(x - foot)[0] for foot in feet]).argmin(axis=0)
-        return [_away(x - np.array(feet)[arms, np.arange(len(x))])]
+        return [_nearest(x, feet)]
 
     side, caps = (low, first, high, last), [(low, 0.0, low, first), (high, 0.0, high, last)]
     flat = lambda x: [(s * (x[:, axis] - end), np.broadcast_to(s * ends, x.shape)) for s, end in ((1.0, low), (-1.0, high))]  # noqa: E731
     closed = [side, *(cap for cap in caps if cap[3])]
-    return Region("cone", contains, hull.bounds, distances=lambda x: nearest(x, side) + flat(x), outer=lambda x: nearest(x, *closed))
+    return Region("cone", contains, lambda x: nearest(x, side) + flat(x), lambda x: nearest(x, *closed), hull.bounds)
 
 
 def _ellipsoid(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
     centre = np.array([read.number(word, "the centre of the ellipsoid") for word in words[:3]]) * scale
     half = np.array([read.positive(word, "an axis of the ellipsoid") for word in words[3:]]) * scale
-    bounds = (centre - half, centre + half)
-    return Region("ellipsoid", lambda points: np.sum(((points - centre) / half) ** 2, axis=1) <= 1, bounds)
+    products = np.prod(half) / half
+    parts = half**2 - np.min(half) ** 2
+
+    def outer(x: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The foot is y a^2/(s + a^2 - c^2), with the shortest half axis c; Newton's steps to its s come from below only."""
+        y = np.maximum(np.abs(x - centre), 1e-13 * half)
+        s = np.max(half * y - parts, axis=1)
+        for _ in range(60):
+            ratios = half * y / (s[:, None] + parts)
+            step = (np.sum(ratios**2, axis=1) - 1) / (2 * np.sum(ratios**2 / (s[:, None] + parts), axis=1))
+            s += step
+            if np.all(np.abs(step) <= 1e-15 * s):
+                break
+        foot = half**2 * y / (s[:, None] + parts)
+        normal = _away(foot / half**2)[1]
+        return [(np.sum((y - foot) * normal, axis=1), np.copysign(normal, x - centre))]
+
+    return Region(
+        "ellipsoid",
+        lambda points: sum(((points - centre) * products).T ** 2) <= np.prod(half**2),
+        lambda x: [(-r, -normal) for r, normal in outer(x)],
+        outer,
+        (centre - half, centre + half),
+    )
 
 
 def _plane(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
@@ -186,7 +234,7 @@ def _plane(words: list[str], scale: np.ndarray, box: Box | None) -> Region:
         raise ParameterError("the normal of the plane is zero")
     across = normal / np.linalg.norm(normal)
     sides = [lambda x, s=s: [(s * ((x - point) @ across), np.broadcast_to(s * across, x.shape))] for s in (1.0, -1.0)]
-    return Region("plane", lambda points: (points - point) @ normal >= 0, distances=sides[0], outer=sides[1])
+    return Region("plane", lambda points: (points - point) @ normal >= 0, sides[0], sides[1])
 
 
 #: Region styles given by coordinates: number of coordinates, and builder.
@@ -249,17 +297,16 @@ def _combined(style: str, names: tuple[str, ...], parts: list[Region]) -> Region
         """Of faces where no other part goes on: of a union (``one``) those outside all others, of an intersection those inside."""
         found = []
         for k, part in enumerate(parts):
-            for r, normal in part.distances(x):  # type: ignore[misc]  # all have some
+            for r, normal in part.distances(x):
                 foot = x - np.where(np.isfinite(r), r, 0.0)[:, None] * normal
                 others = [each.contains(foot) != one for each in parts[:k] + parts[k + 1 :]]
                 found.append((np.where(np.logical_and.reduce([part.contains(x), *others]), r, np.inf), normal))
         return found
 
-    faces = all(part.distances and part.outer for part in parts)
     apart, union = [part.outside for part in parts], style == "union"
     return Region(
-        *(style, lambda points: combine.reduce([part.contains(points) for part in parts]), bounds),
-        distances=(lambda x: distances(x, parts, union)) if faces else None,
-        outer=(lambda x: distances(x, apart, not union)) if faces else None,
+        *(style, lambda points: combine.reduce([part.contains(points) for part in parts])),
+        *(lambda x: distances(x, parts, union), lambda x: distances(x, apart, not union)),
+        bounds,
         parts=names,
     )
