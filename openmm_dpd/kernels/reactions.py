@@ -127,6 +127,13 @@ def _now(table: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.union1d(others, i * len(table) + (table[i, place] - 1) % len(table))
 
 
+def _oldest(table: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Of :func:`_now` one for each bead: of the ``others``, or else the one that has come first."""
+    n, (i, place) = len(table), np.nonzero(table > 0)
+    codes = np.concatenate([others, i * n + (table[i, place] - 1) % n])  # rows have them in the order in which they came
+    return np.sort(codes[np.unique(codes // n, return_index=True)[1]])
+
+
 def exceptions_in(table: np.ndarray, stays: np.ndarray, factors: tuple[float, ...]) -> Exceptions:
     """Exceptions of beads one, two and three bonds apart, by the bonds of a table and those that stay (:func:`both_ways`)."""
     n = len(table)
@@ -357,11 +364,15 @@ class ReactingLoop(StepLoop):
             its, turns, chance = self._lists[k].arrays, model.energy is not None, float(model.chance(m.dt))
             where = its.order, its.pi, its.pj, its.geometry[3], its.start, its.found
             pairs, r = candidates(*where, table, counts, valences, sort, turns, key, chance, model.within)
+            if model.molecules is not None:
+                fit = (model.molecules[pairs[:, 0]] == model.molecules[pairs[:, 1]]) == model.inside
+                pairs, r = pairs[fit], r[fit]
             if turns:
                 wanted = uniforms(key, pairs, 1) * (1.0 + model.weight(r, m.kT)) < 1.0
                 return pairs, r, turn(table, counts, valences, pairs, wanted, sort, left)
             if model.between is not None:
-                fit = in_angles(_now(table, self._bonds.stays), pairs, m.x, m.box, model.between)
+                others = (_oldest if model.first else _now)(table, self._bonds.stays)
+                fit = in_angles(others, pairs, m.x, m.box, model.between)
                 pairs, r = pairs[fit], r[fit]
             chosen = mutual(len(table), pairs, r) & (uniforms(key, pairs, 1) < chance)
         else:

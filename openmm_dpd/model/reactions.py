@@ -82,8 +82,10 @@ class _Reaction:
         keep(self, probability=probability, rate=rate, every=every, start=start)
 
     def __str__(self) -> str:
-        given = [(each.name, getattr(self, each.name)) for each in fields(self)[1:] if getattr(self, each.name) != each.default]  # type: ignore[arg-type]
-        given = [(name, type(value).__name__ if isinstance(value, Angles | Dihedrals) else value) for name, value in given]
+        values: list[tuple[str, Any, Any]] = [(each.name, getattr(self, each.name), each.default) for each in fields(self)[1:]]  # type: ignore[arg-type]
+        long = Angles | Dihedrals | np.ndarray
+        given = [(name, value) for name, value, usual in values if np.size(value) != np.size(usual) or np.any(value != usual)]
+        given = [(name, type(value).__name__ if isinstance(value, long) else value) for name, value in given]
         return f"{self.what} of {self.bonds}: {', '.join(f'{name} = {value}' for name, value in given)}"
 
     def until(self, number: int) -> int:
@@ -124,10 +126,14 @@ class BondFormation(_Reaction):
         LAMMPS.  It goes with either of its bonds.
     between : two angles, optional
         Least and largest angle, rad, of the bond with each other bond of its two beads: otherwise it is not made.
+    first : bool
+        Whether ``between`` is about the oldest bond of each bead alone, as in LAMMPS, and not about all of them.
     dihedral : Dihedrals, optional
         One dihedral of any kind: there is one like this along each three bonds in a row with a bond that is made.
     becomes : two type names, optional
         Types that the two beads take as soon as they have the bonds of their valence; None in place of a name for no change.  Masses stay.
+    molecules, inside : one int for each bead of the scene, optional, and bool
+        Numbers of molecules: bonds are made between different ones only, or ``inside`` of one only.
     """
 
     bonds: ReactiveBonds
@@ -143,6 +149,9 @@ class BondFormation(_Reaction):
     between: tuple[float, float] | None = None
     becomes: tuple[str | None, str | None] | None = None
     dihedral: Dihedrals | None = None
+    first: bool = False
+    molecules: np.ndarray | None = None
+    inside: bool = False
     forms, what = True, "bond formation"
 
     def __post_init__(self):
@@ -175,6 +184,8 @@ class BondFormation(_Reaction):
             term = getattr(self, name)
             if term is not None and not (isinstance(term, kind) and len(term.beads) == 1):
                 raise ParameterError(f"the {name} of a bond formation must be one {name} such as {one}, not {what_is(term)}")
+        if self.molecules is not None:
+            keep(self, molecules=np.array([whole_number(each, "the number of a molecule", least=-(2**62)) for each in self.molecules]))
         becomes = self.becomes and tuple(self.becomes)
         keep(self, types=tuple(self.types), valences=valences, becomes=becomes, within=within, energy=energy)
 
@@ -285,6 +296,9 @@ def check_reactions(scene: Any) -> None:
         "rigid bodies are not supported beside them": bool(scene.bodies),
         "charges interact whether beads are bonded or not, so the `bonded_factors` of `electrostatics` must be (1, 1, 1)": (
             charges is not None and (charges.bonded_factors or scene.bonded_factors) not in alike
+        ),
+        "`molecules` of a bond formation have one number for each bead": any(
+            each.molecules is not None and len(each.molecules) != scene.n_beads for each in formations
         ),
         "types that beads take need the masses that the beads have": (
             not unknown and any(scene.masses[old] != scene.masses[new] for old, new in later)

@@ -1,6 +1,7 @@
 """Bonds that form and break: against trials written out in numpy, forces of bonds that stay, restarts, threads, and equilibrium."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import openmm
@@ -56,11 +57,11 @@ def partners(score):
     return {(i, int(j)) for i, j in enumerate(best) if i < j and best[j] == i and np.isfinite(score[i, j])}
 
 
-def formed(x, box, types, there, within, valences):
+def formed(x, box, types, there, within, valences, molecules):
     n, d = len(x), lengths(x, box)
     count = np.bincount(np.array([*there], int).ravel(), minlength=n)
     room = count < np.array([valences[t] for t in types])
-    able = (types[:, None] != types[None]) & room[:, None] & room[None] & (d < within)
+    able = (molecules[:, None] != molecules[None]) & (types[:, None] != types[None]) & room[:, None] & room[None] & (d < within)
     for i, j in there:
         able[i, j] = able[j, i] = False
     return partners(np.where(able, d, np.inf))
@@ -78,7 +79,10 @@ def broken(x, box, there, beyond):
 @pytest.mark.parametrize("scheme", ["middle", "mvv", "B/2 A/2 O A/2 B/2"])
 def test_trials_are_those_of_the_oracle(scheme):
     """Every bond made and broken in 70 steps.  After the last drift of a step positions are those at its end."""
+    molecules = np.random.default_rng(4).integers(0, 3, N) if scheme == "middle" else np.arange(N)
     reactions = both()
+    reactions[0] = replace(reactions[0], molecules=molecules)
+    assert "molecules = ndarray" in str(reactions[0]) and "inside" not in str(reactions[0])
     built = dpd.build(scene(reactions), dt=0.05, scheme=scheme, platform="CPU", seed=3)
     simulation, types, box = built.simulation(), built.plan.scene.type_ids, np.diag([EDGE] * 3)
     there, made, lost = {(0, 1), (2, 3)}, 0, 0
@@ -87,7 +91,7 @@ def test_trials_are_those_of_the_oracle(scheme):
         simulation.step(1)
         x = state(simulation)[0]
         if step % 5 == 0:
-            new = formed(x, box, types, there, 0.7, (1, 2))
+            new = formed(x, box, types, there, 0.7, (1, 2), molecules)
             there, made = there | new, made + len(new)
         if step % 7 == 0:
             gone = broken(x, box, there, 0.75)
@@ -377,6 +381,7 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "other mass": ({"becomes": ("B", None)}, "need the masses that the beads have"),
     "types in equilibrium": ({"becomes": (None, None), "energy": 1.0}, "there would be no way back"),
     "pushed": ({"becomes": (None, None), "body_forces": [dpd.BodyForce((1.0, 0, 0), types="A")]}, "beads cannot change their types"),
+    "molecules": ({"molecules": [1, 2]}, "`molecules` of a bond formation have one number for each bead"),
     "counted": ({"bonds": dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, counted=[N])}, "`counted` names a bead of 240 that is not there"),
     "heat": ({"internal": dpd.BeadTemperatures(np.ones(N), np.full(N, 100.0))}, "energies or temperatures of their own"),
 }

@@ -211,6 +211,15 @@ DECKS |= {
     "special_bonds lj/coul 1 1 1\nfix g all bond/create/angle 2 3 3 0.9 2 iparam 2 3 jparam 2 3 aconstrain 110 175 atype 0 dtype 0\n"
     "compute b all bond/local dist\ncompute p all property/local btype\ncompute r all reduce sum c_b c_p inputs local\n"
     "fix r all ave/time 5 1 5 c_r[*] file r.txt\n",
+    # the third and the fourth bond of a bead has an angle with the first one alone; some break in between
+    "third bonds at angles with the first": "region c block 1 5 1 5.5 1 6 units box\ncreate_atoms 3 random 330 9 c overlap 0.2 units box\n"
+    "special_bonds lj/coul 1 1 1\nfix g all bond/create/angle 2 3 3 0.9 2 iparam 4 3 jparam 4 3 aconstrain 80 150\n"
+    "fix t all bond/break 6 2 0.85\ncompute b all bond/local dist\ncompute p all property/local btype\n"
+    "compute r all reduce sum c_b c_p inputs local\nfix r all ave/time 2 1 2 c_r[*] file r.txt\n",
+    "any number of bonds": FORMING + "fix g all bond/create 2 1 3 0.7 1\nfix h all bond/create 3 2 3 0.6 2 iparam 2 2 jparam 0 1\n",
+    "bonds between molecules and in one": FORMING
+    + "fix g all bond/create 2 1 3 0.8 1 iparam 3 1 jparam 2 3 molecule intra\nfix h all bond/create 3 2 3 0.7 2 molecule inter\n"
+    + "set group all mol 7\ngroup odd id 1:400:2\nset group odd mol 2\n",
     "bonds of one type by several fixes": FORMING
     + "special_bonds lj/coul 0 1 1\ncreate_bonds many all all 2 0.0 0.5\nspecial_bonds lj/coul 1 1 1\nfix g all bond/create 4 3 3 0.8 2 iparam 2 3 jparam 2 3\n"
     + "fix h all bond/create 3 1 3 0.8 2 iparam 1 1 jparam 2 3\nfix i all bond/create 6 2 3 0.8 2 iparam 3 2 jparam 3 3\n",
@@ -350,6 +359,11 @@ def test_both_programs_run_alike(trial, name):
             "LAMMPS keeps angles and dihedrals",
         ),
         ("fix h all bond/create 2 4 4 0.8 1 iparam 1 4 jparam 1 4 itype 1", "whose order of beads is that of lists within LAMMPS"),
+        ("fix h all bond/create 2 4 4 0.8 1 iparam 2 4", "iparam and jparam of one atom type must be the same"),
+        (
+            "create_bonds many all all 1 0.1 1.9\nfix h all bond/create/angle 2 1 3 0.8 1 iparam 9 1 jparam 9 3 aconstrain 90 180",
+            "beads with two bonds at the start of a run may get a third one",
+        ),
         ("variable f atom 2*(type==4)\nfix w all addforce v_f 0 0", "friction and forces that depend on types are not supported"),
         ("compute c all chunk/atom type ids once", "chunks of types that are found once are not supported"),
     ],
@@ -359,6 +373,12 @@ def test_what_is_not_beside_beads_that_change_their_types(tmp_path, line, reason
     text = HEAD + fixes + RUN.replace("run 30\n", "run 0\n")
     with pytest.raises(DeckError, match=reason):
         lammps_peer.printed(tmp_path / "in.d", text.replace("fix g", f"{line}\nfix g"))
+
+
+def test_a_run_stops_where_a_bead_gets_more_bonds_than_there_is_room_for(tmp_path):
+    fixes = "create_atoms 4 random 900 9 NULL\nfix g all bond/create 1 4 4 1.0 1\n"
+    with pytest.raises(DeckError, match="fix g: bead .* has 15 bonds, more than are possible here without maxbond"):
+        lammps_peer.printed(tmp_path / "in.d", HEAD + fixes + RUN.replace("run 30\n", "run 20\n"))
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from ..files.table_file import read_eos
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.deforming import Deforming, parse_deforming
-from ..state.records import MomentumRemoval, PressureControl
+from ..state.records import NO_LIMIT, MomentumRemoval, PressureControl
 from ..state.rigid import RIGID, parse_rigid
 from .motion_styles import ACTING_STYLES, FACES, component, nose_hoover
 
@@ -300,23 +300,22 @@ def _chance(words: list[str]) -> float:
     return value
 
 
-#: Words of fix bond/create whose effect is not supported, and what it is.
-_UNMADE = {"itype": "impropers, whose order of beads is that of lists within LAMMPS, are", "molecule": "a choice by molecules is"}
-
-
 def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = False) -> dict:
-    usage = "fix ID all bond/create N itype jtype Rmin bondtype iparam maxbond itype jparam maxbond jtype [prob fraction seed] [atype T]"
+    usage = "fix ID all bond/create N itype jtype Rmin bondtype [iparam maxbond itype] [jparam maxbond jtype] [prob fraction seed]"
     read.count(words, usage, 5, None)
     types = tuple(state.type_number(state.numbered("atom", word)) for word in words[1:3])
-    most, later, probability, terms = dict[str, int](), list(types), 1.0, {"angle": 0, "dihedral": 0}
-    sizes = {"iparam": 2, "jparam": 2, "prob": 2, **dict.fromkeys(("atype", "dtype", *_UNMADE), 1)} | ({"aconstrain": 2} if bent else {})
+    most, later, probability, terms, where = {"iparam": 0, "jparam": 0}, list(types), 1.0, {"angle": 0, "dihedral": 0}, "off"
+    words_of_one = dict.fromkeys(("atype", "dtype", "itype", "molecule"), 1)
+    sizes = {"iparam": 2, "jparam": 2, "prob": 2} | words_of_one | ({"aconstrain": 2} if bent else {})
     between: tuple[float, ...] | None = None
     for keyword, values in read.options(words[5:], sizes, "fix bond/create"):
-        if keyword in _UNMADE:
-            if values == ["0"]:
-                continue
-            raise ParameterError(f"fix bond/create {keyword}: {_UNMADE[keyword]} not supported; leave the word out")
-        if keyword == "prob":
+        if keyword == "itype":
+            if values != ["0"]:
+                what = "impropers, whose order of beads is that of lists within LAMMPS, are not supported; leave the word out"
+                raise ParameterError(f"fix bond/create itype: {what}")
+        elif keyword == "molecule":
+            where = read.choice(values[0], "molecule", ("off", "inter", "intra"))
+        elif keyword == "prob":
             probability = _chance(values)
         elif keyword in ("atype", "dtype"):
             what = {"atype": "angle", "dtype": "dihedral"}[keyword]
@@ -326,16 +325,16 @@ def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = Fa
         elif keyword == "aconstrain":
             between = tuple(np.radians(read.number(word, "an angle of aconstrain")) for word in values)
         else:
-            most[keyword] = read.integer(values[0], "maxbond", 1)
+            most[keyword] = read.integer(values[0], "maxbond", 0)
             later[keyword == "jparam"] = state.type_number(state.numbered("atom", values[1]))
-    if len(most) < 2:
-        raise ParameterError(f"fix bond/create without iparam and jparam is not supported: give maxbond, '{usage}'")
     if types[0] == types[1] and (most["iparam"] != most["jparam"] or later[0] != later[1]):
         raise ParameterError("fix bond/create: iparam and jparam of one atom type must be the same")
     every, length = read.integer(words[0], "the interval", 1), read.positive(words[3], "Rmin")
     given: dict = {"bond": _bond_type(state, words[4]), "probability": probability, "counts": [0.0, 0.0], "between": between, **terms}
+    later = [new if limit else old for new, old, limit in zip(later, types, most.values(), strict=True)]
     given["becomes"] = None if tuple(later) == types else tuple(map(str, later))
-    return {"every": every, "types": types, "length": length, "most": (most["iparam"], most["jparam"]), **given}
+    limits = tuple(limit or NO_LIMIT for limit in most.values())
+    return {"every": every, "types": types, "length": length, "most": limits, "molecule": where, "unlimited": 0 in most.values(), **given}
 
 
 def _bond_break(state: DeckState, group: str, words: list[str]) -> dict:

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ParameterError
-from ...kernels.reactions import FORMED, bonds_in, both_ways
+from ...kernels.reactions import FORMED, bonds_in, both_ways, counts_in
 from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
-from ..state.records import FORMING, REACTING, Fix
+from ..state.records import FORMING, NO_LIMIT, REACTING, Fix
 from ..styles.words import bonded_styles
 from .flow import depends_on
 
@@ -79,13 +79,12 @@ def _held(state: DeckState, fix: Fix) -> int:
 
 
 def _third(state: DeckState, fix: Fix) -> bool:
-    """Whether beads that have two bonds, or more, may get another one."""
-    (one, other), kind = fix.parameters["types"], fix.parameters["bond"]
-    mine, _ = _bonds(state, kind, _maker(state, fix))
-    bonds = np.bincount(at_start(state, "bond")[:, 1:].ravel(), minlength=1 + state.atoms.ids.max(initial=0))
-    bonds -= np.bincount(mine.ravel(), minlength=len(bonds))
-    most = np.where(state.atoms.types == one, *fix.parameters["most"])
-    return bool((bonds[state.atoms.ids] + most > 2)[np.isin(state.atoms.types, (one, other))].any())
+    """Whether beads that have two bonds or more at the start of a run may get another one."""
+    (one, other), (mine, counted) = fix.parameters["types"], _bonds(state, fix.parameters["bond"], _maker(state, fix))
+    ids, types, last = state.atoms.ids, state.atoms.types, 1 + state.atoms.ids.max(initial=0)
+    bonds, made = (np.bincount(its, minlength=last)[ids] for its in (at_start(state, "bond")[:, 1:].ravel(), [*mine.ravel(), *counted]))
+    react = np.isin(types, (one, other)) | any(its.parameters["becomes"] is not None for its in state.fixes_of(*FORMING))
+    return bool((react & (bonds > 1) & (made < np.where(types == one, *fix.parameters["most"]))).any())
 
 
 def _by_types(state: DeckState) -> bool:
@@ -114,7 +113,7 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             ),
             f"several fixes make bonds of type {kind}, and each counts them for itself": fix.name != maker
             and len(_makers(state, kind)) > 1,
-            "beads that may get a third bond are not supported: LAMMPS compares aconstrain with one of the two before alone": (
+            "beads with two bonds at the start of a run may get a third one: LAMMPS compares aconstrain with the first of its own list": (
                 given.get("between") is not None and _third(state, fix)
             ),
             "beads with charges cannot change their types": given.get("becomes") is not None
@@ -151,11 +150,15 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             length = given["length"] * state.units.length
             if fix.style in FORMING:
                 one, other = map(str, given["types"])
-                later = {"becomes": given["becomes"], "between": given["between"]}
+                later = {"becomes": given["becomes"], "between": given["between"], "first": True}
+                if given["molecule"] != "off":
+                    later |= {"molecules": state.atoms.molecules.copy(), "inside": given["molecule"] == "intra"}
                 later |= {what: terms.get((what, number)) for what, number, _ in formed}
                 found.append(BondFormation(sorts[kind, maker], (one, other), length, given["most"], **later, **trials))
             else:
-                found.append(BondBreaking(sorts[kind, maker], length, spends=bool(maker), **trials))
+                # places of bonds that have broken are not used again, as the first one of a bead has to be known
+                spends = bool(maker) or any(its.parameters.get("between") for its in fixes)
+                found.append(BondBreaking(sorts[kind, maker], length, spends=spends, **trials))
     return found
 
 
@@ -165,6 +168,10 @@ def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> Non
     sorts = _sorts(state)
     rows = [state.bonds[~np.isin(state.bonds[:, 0], [kind for kind, _ in sorts])]]
     for k, (kind, maker) in enumerate(sorts):
+        counts = counts_in(table, k)
+        if maker and state.fixes[maker].parameters["unlimited"] and counts.max() >= NO_LIMIT:
+            what = f"bead {state.atoms.ids[counts.argmax()]} has {NO_LIMIT} bonds, more than are possible here without maxbond; give one"
+            raise state.fixes[maker].error(what)
         ids = np.sort(state.atoms.ids[bonds_in(table, k).astype(np.int64)], axis=1)
         rows.append(np.column_stack([np.full(len(ids), kind), ids]))
         if maker:

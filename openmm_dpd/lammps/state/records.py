@@ -43,6 +43,8 @@ GUIDED = (*FORCE_FIXES, *GUIDING)
 #: Fixes that make and break bonds.
 FORMING = ("bond/create", "bond/create/angle")
 REACTING = (*FORMING, "bond/break")
+#: Bonds of a bead by one fix where it names no maxbond, and LAMMPS has no limit: a run in which one gets as many stops.
+NO_LIMIT = 15
 #: Values of fixes by style: whether there is a scalar, the length of the vector (None: it varies), and whether that is a sum over beads.
 FIX_VALUES: dict[str, tuple[bool, int | None, bool]] = {
     **{"addforce": (True, 3, True), "setforce": (False, 3, True), "aveforce": (False, 3, True), "efield": (True, 3, True)},
