@@ -34,13 +34,14 @@ class BuiltReporter(Cadence):
         self.built = built
 
 
-def require_whole_stress(plan: Plan) -> None:
-    """Raise ParameterError if the stress tensor of a scene is not known, not symmetric, or not all of what acts on its beads."""
+def require_whole_stress(plan: Plan, in_slabs: bool = False) -> None:
+    """Raise ParameterError if the stress tensor of a scene is not known, not symmetric, or (not ``in_slabs``) not all of what acts on its
+    beads."""
     require_stress(plan)
     reason = None
     if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
         reason = "transverse friction makes it asymmetric"
-    elif np.any(plan.spec.inv_mass == 0) or plan.scene.walls:
+    elif not in_slabs and (np.any(plan.spec.inv_mass == 0) or plan.scene.walls):
         reason = "walls take up momentum"
     if reason is not None:
         raise ParameterError(f"no stress tensor of this scene: {reason}")

@@ -6,12 +6,14 @@ from ..base.errors import ParameterError
 from ..base.geometry import AXES_OF_TENSOR
 from ..base.slices import axis_number, slicer
 from ..base.stats import block_average
+from ..kernels.extras import BondedKernel
 from ..model.flow import AXES, require_plain_axis
 from ..model.reactions import terms_formed
 from ..simulation.built import BuiltSystem
 from .flow import BuiltReporter, require_whole_stress
-from .of_beads import bond_terms, pair_terms
+from .of_beads import pair_terms
 from .present import Present
+from .stress_parts import BondedStress, beside_pairs
 
 
 class SlabStressReporter(BuiltReporter):
@@ -23,7 +25,8 @@ class SlabStressReporter(BuiltReporter):
 
     where :math:`V_k` is the volume of slab k, and :math:`\ell` the part of the line between the beads that lies in it.  The sum over all
     slabs is the tensor of :class:`StressReporter`, with the same kinetic part; friction and noise are left out, too.  The component along
-    the axis is constant in equilibrium, except where a force acts on single beads.
+    the axis is constant in equilibrium, except where a force acts on single beads.  Angles act by the central forces between their three
+    beads (:doc:`/theory_flow`).  Between walls it is the stress of the fluid, and of immobile beads with it.
 
     Parameters
     ----------
@@ -32,15 +35,15 @@ class SlabStressReporter(BuiltReporter):
     built : BuiltSystem
         A built periodic scene.
     axis : {"z", "y", "x"}
-        Axis along which the slabs are stacked; no other box vector points along it.
+        Axis along which the slabs are stacked; no other box vector points along it, and in a shear no images slide along it (x).
     bins : int, default 50
         Number of slabs in the box.
 
     Raises
     ------
     ParameterError
-        If the scene has no stress tensor, or angles, dihedrals, impropers, charges, segments or a shear: how their stress is spread between
-        beads is not unique, or not known.
+        If the scene has no stress tensor, or dihedrals, impropers, charges or segments: how their stress is spread between beads is not
+        unique, or not known.
 
     References
     ----------
@@ -49,10 +52,12 @@ class SlabStressReporter(BuiltReporter):
 
     def __init__(self, interval: int, built: BuiltSystem, axis: str = "z", bins: int = 50):
         super().__init__(interval, built)
-        require_whole_stress(built.plan)
+        require_whole_stress(built.plan, in_slabs=True)
         scene, self._axis = built.plan.scene, axis_number(axis)
         require_plain_axis(scene.box, AXES[self._axis], "a profile of pressures")
-        for name in ("angles", "dihedrals", "impropers", "electrostatics", "segments", "shear"):
+        if scene.shear is not None and AXES[self._axis] == "x":
+            raise ParameterError("axis must be 'y' or 'z' in a Lees-Edwards shear, whose images slide along x")
+        for name in ("dihedrals", "impropers", "electrostatics", "segments"):
             if getattr(scene, name) or name in [f"{term._BEADS[2]}s" for term in terms_formed(scene.reactions)]:
                 raise ParameterError(f"the stress of {name} is not known in slabs; StressReporter has that of the whole box")
         self._cut, self._present = slicer(axis, bins, None, scene.bead_masses, "bins"), Present(built)
@@ -70,7 +75,8 @@ class SlabStressReporter(BuiltReporter):
         moving = present.kinetic_stress(v, force, lambda m, a: np.stack([m * a[:, i] * a[:, j] for i, j in AXES_OF_TENSOR]))
         found = [cut.sums(number, row) for row in moving]
         pairs = [(beads, values[:, 1:7]) for beads, values in pair_terms(present, friction=False)]
-        for beads, values in pairs + [each[1:] for each in bond_terms(present)]:
+        bonded = [BondedStress(extra) for extra in beside_pairs(present.plan) if isinstance(extra, BondedKernel)]
+        for beads, values in pairs + [line for terms in bonded for line in terms.lines(present.x, present.box)]:
             first, second = (present.x[beads[:, n], k] / edge for n in (0, 1))
             step = second - first - np.rint(second - first)
             for component, shared in zip(found, along_lines(first * bins, step * bins, values, bins), strict=True):

@@ -63,6 +63,20 @@ class BondedStress:
         products = np.einsum("tka,tkb->tab", *self._pulls(x, box))
         return self._beads, np.stack([products[:, a, b] for a, b in AXES_OF_TENSOR], axis=1)
 
+    def lines(self, x: np.ndarray, box: np.ndarray | None) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Beads (T, 2) and sums (T, 6) of the central forces between beads of which terms of two or three beads are made.
+
+        For three beads they are unique: the derivatives of the energy by the three distances (N. C. Admal and E. B. Tadmor, J. Elasticity
+        100, 63 (2010)).  With r and s from the first bead to the others, the force on the second is p r + q (r - s), on the third
+        t s + q (s - r)."""
+        if self._beads.shape[1] == 2:
+            return [self.each(x, box)]
+        r, force = self._pulls(x, box)
+        parts = np.linalg.pinv(r @ r.transpose(0, 2, 1), rcond=1e-14, hermitian=True) @ (r @ force.transpose(0, 2, 1))  # of r, s; by bead
+        q = -0.5 * (parts[:, 1, 0] + parts[:, 0, 1])
+        ends = ((0, 1), r[:, 0], parts[:, 0, 0] - q), ((0, 2), r[:, 1], parts[:, 1, 1] - q), ((1, 2), r[:, 0] - r[:, 1], q)
+        return [(self._beads[:, pair], np.stack([pull * d[:, a] * d[:, b] for a, b in AXES_OF_TENSOR], axis=1)) for pair, d, pull in ends]
+
     def _pulls(self, x: np.ndarray, box: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """For each term: its beads relative to the first one, and the forces on them."""
         copies, force = x[self._beads], np.zeros((self._beads.size, 3))

@@ -11,8 +11,10 @@ from scenes import MASSES, PLAIN
 
 import openmm_dpd as dpd
 from openmm_dpd.analysis import surface_tension
+from openmm_dpd.base.geometry import AXES_OF_TENSOR
 from openmm_dpd.measure import SlabStressReporter, StressReporter
 from openmm_dpd.measure.slabs import along_lines
+from openmm_dpd.measure.stress_parts import BondedStress, beside_pairs
 
 LIQUID = dpd.MDPD(A=-40, B=25, gamma=4.5, cutoff=1.0, cutoff_B=0.75, kernel="quadratic")
 FORMATION = dpd.BondFormation(dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 20.0, "r0": 0.5}), ("A", "B"), within=0.8, valences=(1, 1))
@@ -70,7 +72,19 @@ def test_slabs_agree_with_a_loop_over_pairs():
     np.testing.assert_allclose(slabs.pressures[0], expected, atol=2e-3 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("case", ["middle", "mvv", "aboba", "many-body", "overlay", "bonds that form"])
+#: The first one will be straight.
+ANGLES = [dpd.HarmonicAngles(np.arange(117).reshape(-1, 3), 5.0, np.pi), dpd.HarmonicAngles([[117, 118, 119], [5, 70, 41]], 9.0, 1.9)]
+
+
+def straightened(scene: dpd.Scene) -> dpd.Scene:
+    x = scene.positions.copy()
+    x[1] = 0.5 * (x[0] + x[2])
+    return replace(scene, positions=x)
+
+
+@pytest.mark.parametrize(
+    "case", ["middle", "mvv", "aboba", "many-body", "overlay", "bonds that form", "angles", "angles that form", "shear"]
+)
 def test_slabs_add_up_to_the_tensor_of_the_box(case):
     """To rounding, for every kind of pair term with a tensor, along every axis of a box with right angles, and after steps."""
     table = {("*", "*"): LIQUID} if case == "many-body" else PLAIN
@@ -79,11 +93,60 @@ def test_slabs_add_up_to_the_tensor_of_the_box(case):
     scene = chains(tables, edges)
     if case == "bonds that form":
         scene = replace(scene, reactions=[FORMATION], bonded_factors=(0.0, 0.5, 1.0))
-    for axis in "z" if case in ("middle", "bonds that form") else "xyz":
+    if "angles" in case:
+        scene = straightened(replace(scene, angles=ANGLES))
+    if case == "angles that form":
+        scene = replace(scene, reactions=[replace(FORMATION, angle=dpd.HarmonicAngles([[0, 1, 2]], 9.0, 1.9))], angles=())
+    if case == "shear":
+        scene = replace(scene, shear=dpd.LeesEdwards(3.0))
+    for axis in "yz" if case == "shear" else "z" if case in ("middle", "bonds that form") else "xyz":
         slabs, whole = both(scene, case if case in ("mvv", "aboba") else "middle", axis=axis, steps=0 if case == "overlay" else 5)
         np.testing.assert_allclose(slabs.pressures.mean(axis=1), whole.pressures, rtol=1e-11, atol=1e-11 * np.abs(whole.pressures).max())
         assert np.isnan(slabs.tensor[1]).all() and slabs.centres[0] == pytest.approx(edges["xyz".index(axis), "xyz".index(axis)] / 26)
         assert slabs.pressures.shape == (1 + (case != "overlay"), 13, 6)
+
+
+def test_angles_act_by_the_derivatives_of_their_energies_by_distances():
+    """Theta by the law of cosines, its derivatives by finite differences."""
+    angles = dpd.HarmonicAngles(np.arange(30).reshape(-1, 3), 7.0, 1.7)
+    scene, h = chains(PLAIN, np.diag([4.1, 3.9, 5.0]), angles=[angles]), 1e-6
+    (extra,) = [extra for extra in beside_pairs(dpd.make_plan(scene, dt=0.01)) if "angle" in getattr(extra, "called", "")]
+    found, at, box = BondedStress(extra).lines(scene.positions, scene.box), scene.positions[angles.beads], scene.box
+    d = [oracle.minimum_image(at[:, a] - at[:, b], box) for a, b in ((0, 1), (0, 2), (1, 2))]
+    d[1] = d[0] + d[2]
+    r = np.linalg.norm(d, axis=2)
+
+    def energy(a, c, b):
+        return angles.curve(np.arccos((a**2 + b**2 - c**2) / (2 * a * b)))[0]
+
+    for k, pair in enumerate(((0, 1), (0, 2), (1, 2))):
+        step = h * np.eye(3)[k][:, None]
+        slope = (energy(*(r + step)) - energy(*(r - step))) / (2 * h)
+        beads, values = found[k]
+        assert np.array_equal(beads, angles.beads[:, pair])
+        expected = (-slope / r[k])[:, None] * np.stack([d[k][:, a] * d[k][:, b] for a, b in AXES_OF_TENSOR], axis=1)
+        np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-5)
+
+
+def channel(**more) -> dpd.Scene:
+    x = np.random.default_rng(2).random((192, 3)) * [4, 4, 4] + [0, 0, 1]
+    v = np.random.default_rng(3).normal(size=x.shape)
+    return dpd.Scene({"A": 1.0}, ["A"] * 192, x, {("A", "A"): dpd.DPD(A=25, gamma=4.5)}, 1.0, [4.0, 4.0, 6.5], velocities=v, **more)
+
+
+def test_slabs_between_walls_add_up_to_the_virial_of_the_fluid():
+    """Along z no force acts through a face of the box: the sum is that of z F."""
+    scene = channel(walls=[dpd.Wall("z", 1.0, "above"), dpd.Wall("z", 5.0, "below")])
+    built = dpd.build(scene, dt=0.01, scheme="bababo", seed=1)
+    simulation, slabs = built.simulation(), SlabStressReporter(1, built, bins=13)
+    slabs.report(simulation, None)
+    state = simulation.context.getState(positions=True, velocities=True, forces=True)
+    x, v, force = (np.array(each._value)[:, 2] for each in (state.getPositions(), state.getVelocities(), state.getForces()))
+    sums = slabs.pressures[0, :, 2] * 4 * 4 * 0.5
+    assert (
+        sums.sum() == pytest.approx(np.sum(v**2) + np.sum(x * force), rel=1e-9) and not sums[[0, 1, 10, 11, 12]].any() and sums[2:10].all()
+    )
+    raises(dpd.ParameterError, "walls take up momentum", StressReporter, 1, built)
 
 
 def test_lines_are_shared_by_length():
@@ -126,15 +189,14 @@ def test_a_film_is_in_equilibrium(seed):
 
 def test_what_has_no_stress_in_slabs_is_refused():
     box = np.diag([4.1, 3.9, 5.0])
-    triples = [dpd.HarmonicAngles(np.array([[0, 1, 2]]), 5.0, 2.0)]
+    four = [dpd.HarmonicDihedrals(np.array([[0, 1, 2, 3]]), 5.0, 1, 1)]
     tilted = TILTED + np.array([[0, 0, 0], [0, 0, 0], [0.5, 0, 0]])
     for scene, message, axis in (
-        (chains(PLAIN, box, angles=triples), "stress of angles is not known in slabs", "z"),
-        (replace(chains(PLAIN, box), reactions=[replace(FORMATION, angle=triples[0])]), "stress of angles", "z"),
+        (chains(PLAIN, box, dihedrals=four), "stress of dihedrals is not known in slabs", "z"),
+        (replace(chains(PLAIN, box), reactions=[replace(FORMATION, dihedral=four[0])]), "stress of dihedrals", "z"),
         (chains(PLAIN, tilted), "use z", "x"),
         (chains(PLAIN, box), "axis must be", "r"),
-        (chains(PLAIN, box, shear=dpd.LeesEdwards(0.1)), "stress of shear", "z"),
-        (chains(PLAIN, box, mobile=np.arange(120) > 0), "walls take up momentum", "z"),
+        (chains(PLAIN, box, shear=dpd.LeesEdwards(0.1)), "images slide along x", "x"),
     ):
         built = dpd.build(scene, dt=0.01, scheme="bababo", seed=1)
         raises(dpd.ParameterError, message, SlabStressReporter, 1, built, axis)

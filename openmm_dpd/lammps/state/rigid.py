@@ -65,7 +65,8 @@ def parse_rigid(state: DeckState, group: str, words: list[str], fix: str) -> dic
         raise ParameterError(f"fix {fix}: a body turns about all axes, or about none; the flags of torque must be the same")
     if fix in ("rigid", "rigid/small"):
         state.note(
-            f"fix {fix}: bodies turn as in rigid/nve, by a splitting; LAMMPS iterates, which is the same without friction to second order in the step, with it to first"
+            f"fix {fix}: bodies turn as in rigid/nve, by a splitting; LAMMPS iterates, which is the same to second order in the step, with "
+            "friction to first"
         )
     x = state.require_box(f"fix {fix}").unwrap(state.atoms.positions, state.atoms.images)
     middles = [0.5 * (x[its].min(axis=0) + x[its].max(axis=0)) if len(its) else x[:1] for its in members]
