@@ -2,7 +2,7 @@
 
 The table (N, W) has a row for each bead and a number for each of its bonds, 1 + partner + N sort, 0 where there is none; -1 - sort stands
 for one that is broken and counts nevertheless, and -1 - sorts - type for another type of the bead than at the start.  What is computed from
-it does not depend on the places in the rows, so that a state that was written and read goes on alike.
+it depends on the places in the rows only where bonds have to be in the order in which they have come: broken ones that count keep theirs.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from ..base.errors import RunError
 from ..base.geometry import minimum_images
 from ..runtime import compiled, inlined
 from .extras import BondedKernel
+from .formed import FORMED, bonds_in, bonds_now, exceptions_in, in_angles, oldest_bonds
 from .moment import Moment, SlowForces, StepSpec, Watch
 from .noise import noise_key, pair_key, uniform
 from .pairs import Exceptions, PairList
@@ -40,12 +41,12 @@ class BondsSpec:
     """All bonds that may form and break."""
 
     reactions: tuple[ReactionSpec, ...]
-    sorts: tuple[BondedKernel, ...]  #: One bond of each sort, and one angle and dihedral, if bonds that are made have some with others
+    sorts: tuple[BondedKernel, ...]  #: One bond of each sort, and one angle, dihedral and improper, if bonds that are made have some
     initial: np.ndarray  #: (N, W) table at the start
     neighbours: Exceptions  #: Beads with bonds that stay, of the factor 0: they get no other one
     stays: np.ndarray  #: Bonds that stay, and with those of the initial table, see :func:`both_ways`
     start: np.ndarray
-    bent: tuple[int, ...]  #: Numbers of beads of the latter
+    bent: tuple[str, ...]  #: What the latter are, as in :data:`.formed.FORMED`
     types: np.ndarray  #: (N,) types of the beads at the start
     turns: bool  #: Whether types change
     factors: tuple[float, ...] | None  #: Of the pair terms of beads one, two and three bonds apart, if any differs from 1
@@ -61,91 +62,6 @@ class Event(NamedTuple):
     j: int
     length: float  #: nm
     energy: float  #: Change of the energy of the bond, kJ/mol
-
-
-def bonds_in(table: np.ndarray, sort: int) -> np.ndarray:
-    """(B, 2) uint32 bonds i < j of a sort, in their order."""
-    i, place = np.nonzero((table > 0) & ((table - 1) // len(table) == sort))
-    j = (table[i, place] - 1) % len(table)
-    i, j = i[i < j], j[i < j]
-    return np.column_stack([i, j])[np.lexsort((j, i))].astype(np.uint32)
-
-
-def both_ways(pairs: np.ndarray, n: int) -> np.ndarray:
-    """Bonds (B, 2) of n beads as numbers, partner + n bead, twice each, in their order."""
-    i, j = pairs.T.astype(np.int64)
-    return np.unique(np.concatenate([i * n + j, j * n + i]))
-
-
-def angles_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """(K, 3) uint32 angles between two bonds of a bead, of which at least one has been made: it is not in ``start`` (:func:`both_ways`)."""
-    now = _now(table, start)
-    vertex, partner, made = now // len(table), now % len(table), ~np.isin(now, start)
-    found = [np.zeros((0, 3), np.int64)]
-    for gap in range(1, np.bincount(vertex).max(initial=0)):
-        first = np.flatnonzero((vertex[gap:] == vertex[:-gap]) & (made[gap:] | made[:-gap]))
-        found.append(np.column_stack([partner[first], vertex[first], partner[first + gap]]))
-    return np.concatenate(found).astype(np.uint32)
-
-
-def dihedrals_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """(K, 4) uint32 dihedrals along three bonds in a row, of which at least one has been made, see :func:`angles_in`."""
-    now, n = _now(table, start), len(table)
-    middle = now[now // n < now % n]
-    (k, a), w = _each(now, middle // n, n), middle % n
-    last, b = _each(now, w[k], n)
-    v, w, a = middle[k[last]] // n, w[k[last]], a[last]
-    made = np.any([~np.isin(one * n + other, start) for one, other in ((a, v), (v, w), (w, b))], axis=0)
-    return np.column_stack([a, v, w, b])[made & (a != w) & (b != v) & (a != b)].astype(np.uint32)
-
-
-#: Terms that come and go with bonds, by the number of their beads.
-FORMED = {3: angles_in, 4: dihedrals_in}
-
-
-def _each(bonds: np.ndarray, beads: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the beads (B,) and their partners, one after the other, by the bonds of n beads (:func:`both_ways`)."""
-    first, last = np.searchsorted(bonds, [beads * n, beads * n + n])
-    many = last - first
-    return np.repeat(np.arange(len(beads)), many), bonds[np.arange(many.sum()) + np.repeat(first - np.cumsum(many) + many, many)] % n
-
-
-def in_angles(bonds: np.ndarray, pairs: np.ndarray, x: np.ndarray, box: np.ndarray | None, bounds: tuple[float, float]) -> np.ndarray:
-    """Which pairs (B, 2) have angles within bounds with all bonds (:func:`both_ways`) of their beads."""
-    fit = np.ones(len(pairs), bool)
-    for vertex, other in (pairs.T.astype(np.int64), pairs.T[::-1].astype(np.int64)):
-        k, partner = _each(bonds, vertex, len(x))
-        a, b = (minimum_images(x[end] - x[vertex[k]], box) for end in (other[k], partner))
-        angle = np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1))
-        fit[k[(angle < bounds[0]) | (angle > bounds[1])]] = False
-    return fit
-
-
-def _now(table: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Bonds of a table and others (:func:`both_ways`)."""
-    i, place = np.nonzero(table > 0)
-    return np.union1d(others, i * len(table) + (table[i, place] - 1) % len(table))
-
-
-def _oldest(table: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Of :func:`_now` one for each bead: of the ``others``, or else the one that has come first."""
-    n, (i, place) = len(table), np.nonzero(table > 0)
-    codes = np.concatenate([others, i * n + (table[i, place] - 1) % n])  # rows have them in the order in which they came
-    return np.sort(codes[np.unique(codes // n, return_index=True)[1]])
-
-
-def exceptions_in(table: np.ndarray, stays: np.ndarray, factors: tuple[float, ...]) -> Exceptions:
-    """Exceptions of beads one, two and three bonds apart, by the bonds of a table and those that stay (:func:`both_ways`)."""
-    n = len(table)
-    last = bonds = _now(table, stays)
-    seen, found = np.arange(n) * (n + 1), [np.zeros((0, 2))]
-    for factor in factors:
-        last = np.setdiff1d(last, seen)
-        found.append(np.column_stack([last, np.full(len(last), factor)])[: len(last) if factor != 1.0 else 0])
-        seen, (k, partner) = np.union1d(seen, last), _each(bonds, last % n, n)
-        last = np.unique(last[k] // n * n + partner)
-    codes, values = np.concatenate(found)[np.argsort(np.concatenate(found)[:, 0])].T
-    return np.searchsorted(codes, np.arange(n + 1) * n), (codes % n).astype(np.int64), values.copy()
 
 
 def types_in(table: np.ndarray, start: np.ndarray, sorts: int) -> np.ndarray:
@@ -283,7 +199,7 @@ class ReactingLoop(StepLoop):
         if alien or np.count_nonzero(table > 0) != 2 * sum(map(len, beads)):
             what = "types" if alien else "bonds"
             raise RunError(f"the state has {what} that this scene's reactions cannot make: a script with others wrote it")
-        beads += [FORMED[width](table, self._bonds.start) for width in self._bonds.bent]
+        beads += [FORMED[what](table, self._bonds.start) for what in self._bonds.bent]
         self._shown, factors = None, self._bonds.factors  # until all have them
         apart = None if factors is None else exceptions_in(table, self._bonds.stays, factors)
         acting = types if self._bonds.turns else None
@@ -371,7 +287,7 @@ class ReactingLoop(StepLoop):
                 wanted = uniforms(key, pairs, 1) * (1.0 + model.weight(r, m.kT)) < 1.0
                 return pairs, r, turn(table, counts, valences, pairs, wanted, sort, left)
             if model.between is not None:
-                others = (_oldest if model.first else _now)(table, self._bonds.stays)
+                others = (oldest_bonds if model.first else bonds_now)(table, self._bonds.stays)
                 fit = in_angles(others, pairs, m.x, m.box, model.between)
                 pairs, r = pairs[fit], r[fit]
             chosen = mutual(len(table), pairs, r) & (uniforms(key, pairs, 1) < chance)

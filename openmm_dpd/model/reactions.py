@@ -10,8 +10,9 @@ import numpy as np
 from ..base.errors import ParameterError, in_length, what_is
 from ..base.geometry import widths
 from ..base.units import checked, keep, whole_number
-from .angles import Angles, Dihedrals
+from .angles import Angles, Dihedrals, Torsions
 from .bonds import Bonds, bead_indices, check_members
+from .impropers import Impropers
 from .internal import Concentrations
 
 
@@ -83,7 +84,7 @@ class _Reaction:
 
     def __str__(self) -> str:
         values: list[tuple[str, Any, Any]] = [(each.name, getattr(self, each.name), each.default) for each in fields(self)[1:]]  # type: ignore[arg-type]
-        long = Angles | Dihedrals | np.ndarray
+        long = Angles | Torsions | np.ndarray
         given = [(name, value) for name, value, usual in values if np.size(value) != np.size(usual) or np.any(value != usual)]
         given = [(name, type(value).__name__ if isinstance(value, long) else value) for name, value in given]
         return f"{self.what} of {self.bonds}: {', '.join(f'{name} = {value}' for name, value in given)}"
@@ -130,6 +131,9 @@ class BondFormation(_Reaction):
         Whether ``between`` is about the oldest bond of each bead alone, as in LAMMPS, and not about all of them.
     dihedral : Dihedrals, optional
         One dihedral of any kind: there is one like this along each three bonds in a row with a bond that is made.
+    improper : Impropers, optional
+        One improper of any kind: a bead first, then each three to which it has bonds, of which at least one is made, in the order in which
+        the bonds have come, those of the start first.
     becomes : two type names, optional
         Types that the two beads take as soon as they have the bonds of their valence; None in place of a name for no change.  Masses stay.
     molecules, inside : one int for each bead of the scene, optional, and bool
@@ -152,6 +156,7 @@ class BondFormation(_Reaction):
     first: bool = False
     molecules: np.ndarray | None = None
     inside: bool = False
+    improper: Impropers | None = None
     forms, what = True, "bond formation"
 
     def __post_init__(self):
@@ -180,7 +185,12 @@ class BondFormation(_Reaction):
         if self.bonds.between(np.array([[0, 1]])).overstretched(within * np.array([[0.0, 0, 0], [1 - 1e-9, 0, 0]]), None):
             raise ParameterError(f"a bond formation within {in_length(within)} would make longer bonds than {self.bonds} can be")
         energy = None if self.energy is None else checked(self.energy, "energy", "the energy of a bond formation", signed=True)
-        for name, kind, one in (("angle", Angles, "HarmonicAngles([[0, 1, 2]], k, theta0)"), ("dihedral", Dihedrals, "one of four beads")):
+        four = "one of four beads"
+        for name, kind, one in (
+            ("angle", Angles, "HarmonicAngles([[0, 1, 2]], k, theta0)"),
+            ("dihedral", Dihedrals, four),
+            ("improper", Impropers, four),
+        ):
             term = getattr(self, name)
             if term is not None and not (isinstance(term, kind) and len(term.beads) == 1):
                 raise ParameterError(f"the {name} of a bond formation must be one {name} such as {one}, not {what_is(term)}")
@@ -241,13 +251,14 @@ class BondBreaking(_Reaction):
 
 
 def terms_like(term: Any, beads: np.ndarray) -> Any:
-    """Angles or dihedrals of these beads (K, 3 or 4), all like one."""
+    """Angles, dihedrals or impropers of these beads (K, 3 or 4), all like one."""
     return type(term)(beads, **{name: getattr(term, name)[0] for name in term._DIMENSIONS})
 
 
 def terms_formed(reactions: Sequence[Any]) -> list[Any]:
-    """The angle and the dihedral that bonds which some reactions make have with others, if any."""
-    return [term for each in [each for each in reactions if each.forms][:1] for term in (each.angle, each.dihedral) if term is not None]
+    """The angle, the dihedral and the improper that bonds which some reactions make have with others, if any."""
+    first = [each for each in reactions if each.forms][:1]
+    return [term for each in first for term in (each.angle, each.dihedral, each.improper) if term is not None]
 
 
 def types_change(reactions: Sequence[Any]) -> bool:
@@ -281,13 +292,13 @@ def check_reactions(scene: Any) -> None:
     terms = terms_formed(scene.reactions)
     broken = {id(reaction.bonds) for reaction in scene.reactions if not reaction.forms or reaction.energy is not None}
     reasons = {
-        "all bond formations need the same object as their `angle`, or none, and as their `dihedral`": any(
+        "all bond formations need the same object as their `angle`, or none, and as their `dihedral` and `improper`": any(
             list(map(id, terms_formed([each]))) != list(map(id, terms)) for each in formations
         ),
-        "bonds in equilibrium cannot have an `angle` or `dihedral`, and pair terms stay: `bonded_factors` must be (1, 1, 1)": (
+        "bonds in equilibrium cannot have an `angle`, `dihedral` or `improper`, and pair terms stay: `bonded_factors` must be (1, 1, 1)": (
             any(each.energy is not None for each in formations) and (bool(terms) or scene.bonded_factors not in alike)
         ),
-        "beside an `angle` or a `dihedral`, bonds that are there at the start cannot break": (
+        "beside an `angle`, a `dihedral` or an `improper`, bonds that are there at the start cannot break": (
             bool(terms) and any(len(bonds.pairs) and id(bonds) in broken for bonds in bond_sorts(scene.reactions))
         ),
         f"there is no bead type {what_is(unknown[0] if unknown else None)}": bool(unknown),

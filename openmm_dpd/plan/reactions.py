@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from ..kernels.formed import both_ways
 from ..kernels.pairs import compressed_exceptions
-from ..kernels.reactions import BondsSpec, ReactionSpec, both_ways, turn
+from ..kernels.reactions import BondsSpec, ReactionSpec, turn
 from ..model.reactions import bond_sorts, terms_formed, types_change
 from ..model.scene import Scene
 from .kinds import bonded_kind
@@ -56,5 +57,5 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
     factors = scene.bonded_factors if neighbours_change(scene) else None
     neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n, factors is not None)
     types = scene.type_ids.copy(), types_change(scene.reactions)
-    bent = tuple(term.beads.shape[1] for term in terms)
+    bent = tuple(term._BEADS[2] for term in terms)
     return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, bent, *types, factors)

@@ -9,8 +9,9 @@ import openmm
 
 from ..base.names import GUIDE
 from ..base.units import keep
+from ..kernels.formed import FORMED, bonds_in, both_ways
 from ..kernels.pairs import compressed_exceptions
-from ..kernels.reactions import FORMED, bonds_in, both_ways, types_in
+from ..kernels.reactions import types_in
 from ..model.reactions import bond_sorts, terms_formed, terms_like, types_change
 from ..plan.pair_spec import neighbour_factors, neighbours_change
 from ..plan.plan import Plan
@@ -44,13 +45,13 @@ def read_types(context: openmm.Context, plan: Plan) -> list[str]:
 
 
 def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
-    """The plan with a scene whose ``types``, ``bonds``, ``angles`` and ``dihedrals`` are those that stay and those of a table, (N, W): what
-    measuring that moment needs."""
+    """The plan with a scene whose ``types``, ``bonds``, ``angles``, ``dihedrals`` and ``impropers`` are those that stay and those of a
+    table, (N, W): what measuring that moment needs."""
     groups = [bonds.between(bonds_in(table, k).astype(np.int64)) for k, bonds in enumerate(bond_sorts(plan.scene.reactions))]
     now, scene, spec, start = copy(plan), copy(plan.scene), plan.spec, both_ways(bonds_at_start(plan.scene), len(table))
     for term in terms_formed(scene.reactions):
-        name, width = f"{term._BEADS[2]}s", term.beads.shape[1]
-        keep(scene, **{name: (*getattr(scene, name), terms_like(term, FORMED[width](table, start).astype(np.int64)))})
+        what = term._BEADS[2]
+        keep(scene, **{f"{what}s": (*getattr(scene, f"{what}s"), terms_like(term, FORMED[what](table, start).astype(np.int64)))})
     keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
     if types_change(scene.reactions):
         types = types_in(table, scene.type_ids, len(groups))

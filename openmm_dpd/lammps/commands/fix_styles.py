@@ -300,25 +300,24 @@ def _chance(words: list[str]) -> float:
     return value
 
 
+#: Terms that come with bonds, by the words of fix bond/create for their types.
+_COME = {"atype": "angle", "dtype": "dihedral", "itype": "improper"}
+
+
 def _bond_create(state: DeckState, group: str, words: list[str], bent: bool = False) -> dict:
     usage = "fix ID all bond/create N itype jtype Rmin bondtype [iparam maxbond itype] [jparam maxbond jtype] [prob fraction seed]"
     read.count(words, usage, 5, None)
     types = tuple(state.type_number(state.numbered("atom", word)) for word in words[1:3])
-    most, later, probability, terms, where = {"iparam": 0, "jparam": 0}, list(types), 1.0, {"angle": 0, "dihedral": 0}, "off"
-    words_of_one = dict.fromkeys(("atype", "dtype", "itype", "molecule"), 1)
-    sizes = {"iparam": 2, "jparam": 2, "prob": 2} | words_of_one | ({"aconstrain": 2} if bent else {})
+    most, later, probability, terms, where = {"iparam": 0, "jparam": 0}, list(types), 1.0, dict.fromkeys(_COME.values(), 0), "off"
+    sizes = {"iparam": 2, "jparam": 2, "prob": 2} | dict.fromkeys((*_COME, "molecule"), 1) | ({"aconstrain": 2} if bent else {})
     between: tuple[float, ...] | None = None
     for keyword, values in read.options(words[5:], sizes, "fix bond/create"):
-        if keyword == "itype":
-            if values != ["0"]:
-                what = "impropers, whose order of beads is that of lists within LAMMPS, are not supported; leave the word out"
-                raise ParameterError(f"fix bond/create itype: {what}")
-        elif keyword == "molecule":
+        if keyword == "molecule":
             where = read.choice(values[0], "molecule", ("off", "inter", "intra"))
         elif keyword == "prob":
             probability = _chance(values)
-        elif keyword in ("atype", "dtype"):
-            what = {"atype": "angle", "dtype": "dihedral"}[keyword]
+        elif keyword in _COME:
+            what = _COME[keyword]
             terms[what] = read.integer(state.numbered(what, values[0]), f"the {what} type", 0)
             if terms[what] > (there := getattr(state, f"n_{what}_types")):
                 raise ParameterError(f"{what} type {terms[what]} is out of range: there are {there}")

@@ -164,7 +164,9 @@ class DeckSteps:
         """Do everything that is due before the first step."""
         if scene.reactions:
             state = self.request.state
-            state.before = {"bond": state.bonds, "angle": state.angles, "dihedral": state.dihedrals, "noted": noted(state)}
+            state.before = {what: getattr(state, f"{what}s") for what in ("bond", "angle", "dihedral", "improper")} | {
+                "noted": noted(state)
+            }
         for reader in self.readers:
             reader.begin(self.request.state, self.request.first_step)
         for dump in self.dumps:

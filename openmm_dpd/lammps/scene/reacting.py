@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ParameterError
-from ...kernels.reactions import FORMED, bonds_in, both_ways, counts_in
+from ...kernels.formed import FORMED, bonds_in, both_ways
+from ...kernels.reactions import counts_in
 from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
 from ..language.lexer import errors_at
 from ..state.deck_state import DeckState
@@ -16,7 +17,7 @@ from ..styles.words import bonded_styles
 from .flow import depends_on
 
 #: Terms that come and go with bonds, and the number of their beads.
-_TERMS = (("angle", 3), ("dihedral", 4))
+_TERMS = (("angle", 3), ("dihedral", 4), ("improper", 4))
 _FLAT = ("none", "zero")
 
 
@@ -108,13 +109,13 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             "it cannot be combined with fix npt, whose pressure leaves out bonds that form and break": bool(state.fixes_of("npt")),
             "neigh_modify exclude is not supported beside it": bool(state.exclusions),
             "angles and the like of bonds that break are not supported": fix.style == "bond/break" and _turns(state, kind),
-            "LAMMPS keeps angles and dihedrals of bonds that break, unless there are others of them at the start of the run": (
+            "LAMMPS keeps angles and the like of bonds that break, unless there are others of them at the start of the run": (
                 fix.style == "bond/break" and bool(_left(state))
             ),
             f"several fixes make bonds of type {kind}, and each counts them for itself": fix.name != maker
             and len(_makers(state, kind)) > 1,
-            "beads with two bonds at the start of a run may get a third one: LAMMPS compares aconstrain with the first of its own list": (
-                given.get("between") is not None and _third(state, fix)
+            "beads with two bonds at the start of a run may get a third: LAMMPS's own lists have the first for aconstrain and itype": (
+                bool(given.get("between") or given.get("improper")) and _third(state, fix)
             ),
             "beads with charges cannot change their types": given.get("becomes") is not None
             and any("cutoff_charges" in style.settings for style in state.pair.styles)
@@ -157,7 +158,7 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
                 found.append(BondFormation(sorts[kind, maker], (one, other), length, given["most"], **later, **trials))
             else:
                 # places of bonds that have broken are not used again, as the first one of a bead has to be known
-                spends = bool(maker) or any(its.parameters.get("between") for its in fixes)
+                spends = bool(maker) or any(its.parameters.get("between") or its.parameters.get("improper") for its in fixes)
                 found.append(BondBreaking(sorts[kind, maker], length, spends=spends, **trials))
     return found
 
@@ -177,12 +178,12 @@ def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> Non
         if maker:
             state.fixes[maker].parameters["noted"] = ids, np.repeat(state.atoms.ids, (table == -1 - k).sum(axis=1))
     state.bonds, state.atoms.types = np.concatenate(rows), np.array([*map(int, types)])
-    for what, width in _TERMS:
+    for what, _ in _TERMS:
         number = next((fix.parameters[what] for fix in state.fixes_of(*FORMING)), 0)
         if number and getattr(state, what).style != "none":
             there = at_start(state, "bond")[:, 1:]
             start = both_ways(state.atoms.index_of(there.ravel()).reshape(-1, 2), len(state.atoms))
-            ids = state.atoms.ids[FORMED[width](table, start).astype(np.int64)]
+            ids = state.atoms.ids[FORMED[what](table, start).astype(np.int64)]
             setattr(state, f"{what}s", np.concatenate([at_start(state, what), np.column_stack([np.full(len(ids), number), ids])]))
 
 
