@@ -64,6 +64,21 @@ def impropers_in(table: np.ndarray, start: np.ndarray) -> np.ndarray:
 FORMED = {"angle": angles_in, "dihedral": dihedrals_in, "improper": impropers_in}
 
 
+#: Bonds along terms.
+ARMS = {"angle": ((0, 1), (1, 2)), "dihedral": ((0, 1), (1, 2), (2, 3)), "improper": ((0, 1), (0, 2), (0, 3))}
+
+
+def left_of(what: str, beads: np.ndarray, stays: np.ndarray, table: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Which terms with these beads (K, 3 or 4) have lost none of the bonds along them that there were at the ``start``."""
+    gone, n = np.setdiff1d(start, bonds_now(table, stays)), np.int64(len(table))
+    return ~np.any([np.isin(beads[:, a] * n + beads[:, b], gone) for a, b in ARMS[what]], axis=0)
+
+
+def left_in(what: str, beads: np.ndarray, stays: np.ndarray, table: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """(K, 3 or 4) uint32 beads of the terms that are left, see :func:`left_of`."""
+    return beads[left_of(what, beads, stays, table, start)].astype(np.uint32)
+
+
 def each_partner(bonds: np.ndarray, beads: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the beads (B,) and their partners, one after the other, by the bonds of n beads (:func:`both_ways`)."""
     first, last = np.searchsorted(bonds, [beads * n, beads * n + n])

@@ -5,6 +5,7 @@ for one that is broken and counts nevertheless, and -1 - sorts - type for anothe
 it depends on the places in the rows only where bonds have to be in the order in which they have come: broken ones that count keep theirs.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ from ..base.errors import RunError
 from ..base.geometry import minimum_images
 from ..runtime import compiled, inlined
 from .extras import BondedKernel
-from .formed import FORMED, bonds_in, bonds_now, exceptions_in, in_angles, oldest_bonds
+from .formed import bonds_in, bonds_now, exceptions_in, in_angles, oldest_bonds
 from .moment import Moment, SlowForces, StepSpec, Watch
 from .noise import noise_key, pair_key, uniform
 from .pairs import Exceptions, PairList
@@ -41,12 +42,12 @@ class BondsSpec:
     """All bonds that may form and break."""
 
     reactions: tuple[ReactionSpec, ...]
-    sorts: tuple[BondedKernel, ...]  #: One bond of each sort, and one angle, dihedral and improper, if bonds that are made have some
+    sorts: tuple[BondedKernel, ...]  #: One bond of each sort, then one of each angle, dihedral and improper that come and go with bonds
     initial: np.ndarray  #: (N, W) table at the start
     neighbours: Exceptions  #: Beads with bonds that stay, of the factor 0: they get no other one
     stays: np.ndarray  #: Bonds that stay, and with those of the initial table, see :func:`both_ways`
     start: np.ndarray
-    bent: tuple[str, ...]  #: What the latter are, as in :data:`.formed.FORMED`
+    bent: tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], ...]  #: What has the beads of each of the latter, of a table and ``start``
     types: np.ndarray  #: (N,) types of the beads at the start
     turns: bool  #: Whether types change
     factors: tuple[float, ...] | None  #: Of the pair terms of beads one, two and three bonds apart, if any differs from 1
@@ -199,7 +200,7 @@ class ReactingLoop(StepLoop):
         if alien or np.count_nonzero(table > 0) != 2 * sum(map(len, beads)):
             what = "types" if alien else "bonds"
             raise RunError(f"the state has {what} that this scene's reactions cannot make: a script with others wrote it")
-        beads += [FORMED[what](table, self._bonds.start) for what in self._bonds.bent]
+        beads += [beads_of(table, self._bonds.start) for beads_of in self._bonds.bent]
         self._shown, factors = None, self._bonds.factors  # until all have them
         apart = None if factors is None else exceptions_in(table, self._bonds.stays, factors)
         acting = types if self._bonds.turns else None

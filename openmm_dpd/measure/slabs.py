@@ -8,7 +8,7 @@ from ..base.slices import axis_number, slicer
 from ..base.stats import block_average
 from ..kernels.extras import BondedKernel
 from ..model.flow import AXES, require_plain_axis
-from ..model.reactions import terms_formed
+from ..plan.reactions import come_and_go
 from ..simulation.built import BuiltSystem
 from .flow import BuiltReporter, require_whole_stress
 from .of_beads import pair_terms
@@ -58,7 +58,7 @@ class SlabStressReporter(BuiltReporter):
         if scene.shear is not None and AXES[self._axis] == "x":
             raise ParameterError("axis must be 'y' or 'z' in a Lees-Edwards shear, whose images slide along x")
         for name in ("dihedrals", "impropers", "electrostatics", "segments"):
-            if getattr(scene, name) or name in [f"{term._BEADS[2]}s" for term in terms_formed(scene.reactions)]:
+            if getattr(scene, name) or name in [f"{term._BEADS[2]}s" for term, _ in come_and_go(scene)]:
                 raise ParameterError(f"the stress of {name} is not known in slabs; StressReporter has that of the whole box")
         self._cut, self._present = slicer(axis, bins, None, scene.bead_masses, "bins"), Present(built)
         self._rows: list[np.ndarray] = []

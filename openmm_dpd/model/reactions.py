@@ -224,6 +224,8 @@ class BondBreaking(_Reaction):
         Whether a broken bond goes on counting for the valences of its beads, so that they do not react again, as in LAMMPS.
     every, start : int
         Steps between trials, 1 by default, and the step of the first one.  A trial comes after the last drift of a step.
+    takes : sequence of Angles, Dihedrals and Impropers
+        Each with the same coefficients for all: further terms of the scene, which go with the first bond along them that breaks.
     """
 
     bonds: ReactiveBonds
@@ -234,6 +236,7 @@ class BondBreaking(_Reaction):
     spends: bool = False
     every: int = 1
     start: int = 0
+    takes: Sequence[Any] = ()
     forms, what = False, "bond breaking"
 
     def __post_init__(self):
@@ -242,7 +245,12 @@ class BondBreaking(_Reaction):
         if (self.beyond is None) == (self.rate is None) or (barrier and self.rate is None):
             raise ParameterError("a bond breaking needs a length (beyond), or a rate, and then perhaps a barrier")
         beyond = None if self.beyond is None else checked(self.beyond, "length", "the length of a bond breaking")
-        keep(self, beyond=beyond, barrier=barrier, spends=bool(self.spends))
+        for term in self.takes:
+            if not isinstance(term, Angles | Torsions) or (term.coefficients != term.coefficients[:1]).any():
+                raise ParameterError(
+                    f"what a bond breaking `takes` are Angles, Dihedrals or Impropers of equal coefficients, not {what_is(term)}"
+                )
+        keep(self, beyond=beyond, barrier=barrier, spends=bool(self.spends), takes=tuple(self.takes))
 
     def faster(self, r: np.ndarray, kT: float) -> Any:
         """The factor by which tension makes bonds of these lengths break faster."""
@@ -261,6 +269,11 @@ def terms_formed(reactions: Sequence[Any]) -> list[Any]:
     return [term for each in first for term in (each.angle, each.dihedral, each.improper) if term is not None]
 
 
+def terms_taken(reactions: Sequence[Any]) -> list[Any]:
+    """Angles, dihedrals and impropers that go with bonds that some reactions break."""
+    return [term for each in reactions if not each.forms for term in each.takes]
+
+
 def types_change(reactions: Sequence[Any]) -> bool:
     """Whether beads change their types when some reactions bond them."""
     return any(each.forms and each.becomes is not None for each in reactions)
@@ -275,6 +288,8 @@ def with_first_bonds(scene: Any) -> Any:
     """A scene whose ``bonds`` are all that there are at the start, those that may break among them; itself if none do."""
     now, groups = copy(scene), [bonds.between(bonds.pairs) for bonds in bond_sorts(scene.reactions) if len(bonds.pairs)]
     keep(now, bonds=(*scene.bonds, *groups))
+    for term in terms_taken(scene.reactions):
+        keep(now, **{(what := f"{term._BEADS[2]}s"): (*getattr(now, what), term)})
     return now if scene.reactions else scene
 
 
@@ -300,6 +315,12 @@ def check_reactions(scene: Any) -> None:
         ),
         "beside an `angle`, a `dihedral` or an `improper`, bonds that are there at the start cannot break": (
             bool(terms) and any(len(bonds.pairs) and id(bonds) in broken for bonds in bond_sorts(scene.reactions))
+        ),
+        "terms that go with bonds (`takes`) name a bead that is not there": any(
+            term.beads.max(initial=0) >= scene.n_beads for term in terms_taken(scene.reactions)
+        ),
+        "bonds that are made again cannot take terms with them": any(
+            not each.forms and each.takes and any(each.bonds is other.bonds for other in formations) for each in scene.reactions
         ),
         f"there is no bead type {what_is(unknown[0] if unknown else None)}": bool(unknown),
         f"beads within {in_length(farthest)} are looked for in a box that is less than twice as wide": farthest > half * (1 + 1e-9),

@@ -1,13 +1,15 @@
 """Bonds that form and break, as the kernel needs them."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ..kernels.formed import both_ways
+from ..kernels.formed import FORMED, both_ways, left_in
 from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import BondsSpec, ReactionSpec, turn
-from ..model.reactions import bond_sorts, terms_formed, types_change
+from ..model.reactions import bond_sorts, terms_formed, terms_like, terms_taken, types_change
 from ..model.scene import Scene
 from .kinds import bonded_kind
 from .pair_spec import neighbours_change
@@ -39,6 +41,14 @@ def bonds_at_start(scene: Scene) -> np.ndarray:
     return np.concatenate([scene.bond_pairs, *(bonds.pairs for bonds in bond_sorts(scene.reactions))])
 
 
+def come_and_go(scene: Scene) -> list[tuple[Any, Callable]]:
+    """Angles, dihedrals and impropers that come and go with bonds: one like all of each, and what has their beads, of the table of
+    bonds and the bonds at the start."""
+    stays, made = both_ways(scene.bond_pairs, scene.n_beads), [(term, FORMED[term._BEADS[2]]) for term in terms_formed(scene.reactions)]
+    taken = terms_taken(scene.reactions)
+    return made + [(terms_like(term, term.beads[:1]), partial(left_in, term._BEADS[2], term.beads, stays)) for term in taken]
+
+
 def bonds_spec(scene: Scene) -> BondsSpec | None:
     """What the kernel needs of the reactions of a scene; None without any."""
     if not scene.reactions:
@@ -49,13 +59,13 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
         turn(initial, np.zeros(n, np.int64), np.full(n, n), bonds.pairs.astype(np.uint32), np.ones(len(bonds.pairs), bool), k, 0)
         for bead in bonds.counted.tolist():
             initial[bead, np.argmin(initial[bead] != 0)] = -1 - k
-    terms = terms_formed(scene.reactions)
-    ones: list[Any] = [*groups, *terms]
+    moving = come_and_go(scene)
+    ones: list[Any] = [*groups, *(term for term, _ in moving)]
     kernels = [bonded_kind(type(one)).kernel(one.beads.astype(np.uint32), one.coefficients.T.copy()) for one in ones]
     specs = [ReactionSpec(each, [bonds is each.bonds for bonds in sorts].index(True), *_roles(scene, each)) for each in scene.reactions]
     stays, start = (both_ways(pairs, n) for pairs in (scene.bond_pairs, bonds_at_start(scene)))
     factors = scene.bonded_factors if neighbours_change(scene) else None
     neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n, factors is not None)
     types = scene.type_ids.copy(), types_change(scene.reactions)
-    bent = tuple(term._BEADS[2] for term in terms)
+    bent = tuple(beads_of for _, beads_of in moving)
     return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, bent, *types, factors)

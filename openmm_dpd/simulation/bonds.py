@@ -9,13 +9,13 @@ import openmm
 
 from ..base.names import GUIDE
 from ..base.units import keep
-from ..kernels.formed import FORMED, bonds_in, both_ways
+from ..kernels.formed import bonds_in, both_ways
 from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import types_in
-from ..model.reactions import bond_sorts, terms_formed, terms_like, types_change
+from ..model.reactions import bond_sorts, terms_like, types_change
 from ..plan.pair_spec import neighbour_factors, neighbours_change
 from ..plan.plan import Plan
-from ..plan.reactions import bonds_at_start
+from ..plan.reactions import bonds_at_start, come_and_go
 from .fields import raw_bonds
 
 
@@ -49,9 +49,9 @@ def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
     table, (N, W): what measuring that moment needs."""
     groups = [bonds.between(bonds_in(table, k).astype(np.int64)) for k, bonds in enumerate(bond_sorts(plan.scene.reactions))]
     now, scene, spec, start = copy(plan), copy(plan.scene), plan.spec, both_ways(bonds_at_start(plan.scene), len(table))
-    for term in terms_formed(scene.reactions):
-        what = term._BEADS[2]
-        keep(scene, **{f"{what}s": (*getattr(scene, f"{what}s"), terms_like(term, FORMED[what](table, start).astype(np.int64)))})
+    for term, beads_of in come_and_go(plan.scene):
+        what = f"{term._BEADS[2]}s"
+        keep(scene, **{what: (*getattr(scene, what), terms_like(term, beads_of(table, start).astype(np.int64)))})
     keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
     if types_change(scene.reactions):
         types = types_in(table, scene.type_ids, len(groups))

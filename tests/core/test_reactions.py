@@ -392,6 +392,32 @@ def test_beads_with_counted_bonds_are_a_list_of_them(counted, message):
     raises(dpd.ParameterError, message, dpd.ReactiveBonds, dpd.HarmonicBonds, HARMONIC, counted=counted)
 
 
+def test_terms_go_with_the_first_bond_that_breaks():
+    """An angle with a long bond, one without, and one of which a bond stays and the other breaks; energies are those of what is left."""
+    x = np.random.default_rng(2).random((N, 3)) * EDGE
+    x[:6] = [[0, 0, 0], [0.5, 0, 0], [0.5, 1.2, 0], [2, 2, 2], [2.4, 2, 2], [2.4, 2.5, 2]]
+    x[6:9] = [[1, 3, 1], [1.5, 3, 1], [1.5, 3, 2.4]]
+    bonds = dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 0.0, "r0": 0.5}, [[0, 1], [1, 2], [3, 4], [4, 5], [7, 8]])
+    angles = dpd.HarmonicAngles(np.arange(9).reshape(-1, 3), 7.0, 2.0)
+    reaction = dpd.BondBreaking(bonds, beyond=0.9, takes=[angles])
+    of = scene([reaction], A=0.0, positions=x, bonds=[dpd.HarmonicBonds([[6, 7]], 0.0, 0.5)], velocities=np.zeros((N, 3)), kT=0.0)
+    built = dpd.build(of, dt=1e-6, scheme="mvv", platform="CPU", seed=1)
+    simulation = built.simulation()
+    energy = lambda pairs: angles.curve(angles.arms(x, of.box)[0])[0][pairs].sum()  # noqa: E731
+    assert np.isclose(state(simulation)[2], energy([0, 1, 2]), rtol=1e-6)
+    simulation.step(1)
+    assert bonds_in(simulation, built) == {(0, 1), (3, 4), (4, 5)}
+    assert np.isclose(state(simulation)[2], energy([1]), rtol=1e-6)
+    sample = dpd.Observer(built).sample(simulation.context)
+    assert np.isclose(sample.angle, energy([1]), rtol=1e-6)
+    uneven = dpd.HarmonicAngles([[0, 1, 2], [3, 4, 5]], [1.0, 2.0], 2.0)
+    raises(dpd.ParameterError, "of equal coefficients", replace, reaction, takes=[uneven])
+    far = replace(reaction, takes=[dpd.HarmonicAngles([[0, 1, N]], 1.0, 2.0)])
+    raises(dpd.ParameterError, "name a bead that is not there", scene, [far])
+    again = dpd.BondFormation(bonds, ("A", "B"), within=0.7, valences=2)
+    raises(dpd.ParameterError, "made again cannot take terms", scene, [again, reaction], bonds=[])
+
+
 @pytest.mark.parametrize("name", WRONG)
 def test_what_cannot_be_is_refused(name):
     changes, message = WRONG[name]

@@ -52,9 +52,12 @@ STAR = (
     .replace("3 0.5\n", "3 0.5\n4 0\n")
 )
 STAR = STAR.replace("2 1 2 3\n", "2 1 2 3\n3 2 2 4\n") + "\nImpropers\n\n1 1 2 1 3 4\n2 2 1 2 3 4\n"
+CHAIN = "four in a row\n\n4 atoms\n3 bonds\n2 angles\n1 dihedrals\n\nCoords\n\n1 0 0 0\n2 0.7 0 0.1\n3 1 0.6 0\n4 1.7 0.7 0.2\n\nTypes\n\n1 1\n2 2\n3 1\n4 1\n"
+CHAIN += "\nBonds\n\n1 1 1 2\n2 2 2 3\n3 1 3 4\n\nAngles\n\n1 1 1 2 3\n2 2 2 3 4\n\nDihedrals\n\n1 1 1 2 3 4\n"
 FILES = {
     "trimer.txt": TRIMER,
     "star.txt": STAR,
+    "chain.txt": CHAIN,
     "two.txt": TRIMER
     + "\nMolecules\n\n1 1\n2 1\n3 2\n\nSpecial Bond Counts\n\n1 1 1 0\n2 2 0 0\n3 1 1 0\n\nSpecial Bonds\n\n1 2 3\n2 1 3\n3 2 1\n",
     "solvent.txt": "one bead\n\n1 atoms\n\nCoords\n\n1 3 4 5\n\nTypes\n\n1 3\n",
@@ -220,6 +223,9 @@ DECKS |= {
     + "create_bonds single/improper 1 1 2 3 4\ncreate_bonds single/bond 1 1 2\ncreate_bonds single/bond 1 1 3\ncreate_bonds single/bond 1 1 4\n"
     "special_bonds lj/coul 1 1 1\ncreate_atoms 3 random 390 9 NULL overlap 0.3 units box\n"
     "fix g all bond/create 2 3 3 0.8 2 iparam 4 3 jparam 4 3 itype 1\nfix t all bond/break 6 2 0.75\n",
+    "terms that go with bonds": MOLECULES
+    + "molecule s star.txt\ncreate_atoms 0 random 12 17 box mol s 18\nmolecule c chain.txt\ncreate_atoms 0 random 15 37 box mol c 18\n"
+    "fix t all bond/break 5 1 0.85\nfix u all bond/break 7 2 0.8\n",
     "any number of bonds": FORMING + "fix g all bond/create 2 1 3 0.7 1\nfix h all bond/create 3 2 3 0.6 2 iparam 2 2 jparam 0 1\n",
     "bonds between molecules and in one": FORMING
     + "fix g all bond/create 2 1 3 0.8 1 iparam 3 1 jparam 2 3 molecule intra\nfix h all bond/create 3 2 3 0.7 2 molecule inter\n"
@@ -361,6 +367,11 @@ def test_both_programs_run_alike(trial, name):
         (
             "fix t all bond/break 2 1 0.5\nfix h all bond/create 2 4 4 0.8 1 iparam 1 4 jparam 1 4 dtype 1",
             "LAMMPS keeps angles and the like",
+        ),
+        (
+            "create_bonds single/bond 1 1 2\ncreate_bonds single/bond 1 2 3\ncreate_bonds single/angle 1 1 2 3\nfix t all bond/break 2 1 0.5\n"
+            "fix h all bond/create 2 4 4 0.8 1",
+            "angles and the like of bonds that are made again are not supported",
         ),
         ("fix h all bond/create 2 4 4 0.8 1 iparam 2 4", "iparam and jparam of one atom type must be the same"),
         (

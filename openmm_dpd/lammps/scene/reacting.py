@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ParameterError
-from ...kernels.formed import FORMED, bonds_in, both_ways
+from ...kernels.formed import ARMS, FORMED, bonds_in, both_ways, left_of
 from ...kernels.reactions import counts_in
+from ...model.bonds import HarmonicBonds
 from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
-from ..language.lexer import errors_at
+from ..language.lexer import errors_at, located
 from ..state.deck_state import DeckState
 from ..state.records import FORMING, NO_LIMIT, REACTING, Fix
 from ..styles.words import bonded_styles
@@ -60,11 +61,39 @@ def _bonds(state: DeckState, kind: int, maker: str = "") -> tuple[np.ndarray, np
     return pairs[mine], pairs[~mine].ravel() if known.get(maker) is None else known[maker][1]
 
 
-def _turns(state: DeckState, kind: int) -> bool:
-    """Whether a bead of a bond of this type is in an angle, a dihedral or an improper, which LAMMPS takes away with the bond."""
-    terms = [at_start(state, what)[:, 1:].ravel() for what in ("angle", "dihedral", "improper")]
-    bonds = at_start(state, "bond")
-    return bool(np.isin(bonds[bonds[:, 0] == kind, 1:], np.concatenate(terms)).any())
+def _going(state: DeckState, what: str, kinds: Sequence[int] | None = None) -> np.ndarray:
+    """Which angles, dihedrals or impropers at the start have a bond of some types, or that fixes break: they go with it."""
+    kinds = [fix.parameters["bond"] for fix in state.fixes_of("bond/break")] if kinds is None else kinds
+    bonds, terms = at_start(state, "bond"), at_start(state, what).astype(np.int64)
+    pairs = bonds[np.isin(bonds[:, 0], kinds), 1:].astype(np.int64)
+    known = [*(pairs @ [1 << 32, 1]), *(pairs @ [1, 1 << 32])]
+    return np.any([np.isin(terms[:, 1 + a] * (1 << 32) + terms[:, 1 + b], known) for a, b in ARMS[what]], axis=0)
+
+
+def lasting(state: DeckState, what: str) -> np.ndarray:
+    """Bonds, angles, ... that are there at the start of a run and stay."""
+    terms = at_start(state, what)
+    return terms[~(np.isin(terms[:, 0], reacting_types(state)) if what == "bond" else _going(state, what))]
+
+
+def bonded_terms(state: DeckState, what: str, terms: np.ndarray) -> list:
+    """Bonds, angles, ... by type, of rows with a type and ids of beads.  Bonds without energy are kept, since they count for
+    special_bonds; other terms without energy are left out."""
+    setup, known, found = getattr(state, what), bonded_styles(what), []
+    for kind in np.unique(terms[:, 0]).tolist():
+        style: str = "none"
+        values: dict[str, float] = {}
+        if setup.style not in ("none", "zero") and kind > 0:
+            if kind not in setup.coefficients:
+                raise located(setup.where, f"no {what}_coeff for {what} type {kind} ({what}_style {setup.style})")
+            style, values = setup.coefficients[kind]
+        ids = terms[terms[:, 0] == kind, 1:]
+        beads = state.atoms.index_of(ids.ravel()).reshape(ids.shape)
+        if style not in ("none", "zero"):
+            found.append(known[style].build(beads, values))
+        elif what == "bond":
+            found.append(HarmonicBonds(beads, np.zeros(len(beads)), np.zeros(len(beads))))
+    return found
 
 
 def _left(state: DeckState) -> list[str]:
@@ -108,7 +137,9 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             f"bond type {kind} has no coefficients": kind not in state.bond.coefficients,
             "it cannot be combined with fix npt, whose pressure leaves out bonds that form and break": bool(state.fixes_of("npt")),
             "neigh_modify exclude is not supported beside it": bool(state.exclusions),
-            "angles and the like of bonds that break are not supported": fix.style == "bond/break" and _turns(state, kind),
+            "angles and the like of bonds that are made again are not supported": (
+                fix.style == "bond/break" and bool(maker) and any(_going(state, what, [kind]).any() for what, _ in _TERMS)
+            ),
             "LAMMPS keeps angles and the like of bonds that break, unless there are others of them at the start of the run": (
                 fix.style == "bond/break" and bool(_left(state))
             ),
@@ -159,7 +190,9 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             else:
                 # places of bonds that have broken are not used again, as the first one of a bead has to be known
                 spends = bool(maker) or any(its.parameters.get("between") or its.parameters.get("improper") for its in fixes)
-                found.append(BondBreaking(sorts[kind, maker], length, spends=spends, **trials))
+                taken = [(what, at_start(state, what)[_going(state, what)]) for what, _ in _TERMS if fix is state.fixes_of("bond/break")[0]]
+                takes = [term for what, rows in taken for term in bonded_terms(state, what, rows)]
+                found.append(BondBreaking(sorts[kind, maker], length, spends=spends, takes=takes, **trials))
     return found
 
 
@@ -178,13 +211,16 @@ def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> Non
         if maker:
             state.fixes[maker].parameters["noted"] = ids, np.repeat(state.atoms.ids, (table == -1 - k).sum(axis=1))
     state.bonds, state.atoms.types = np.concatenate(rows), np.array([*map(int, types)])
-    for what, _ in _TERMS:
+    place, n = state.atoms.index_of, len(state.atoms)
+    stays, start = (both_ways(place(its[:, 1:].ravel()).reshape(-1, 2), n) for its in (lasting(state, "bond"), at_start(state, "bond")))
+    for what, width in _TERMS:
+        its = at_start(state, what)[_going(state, what)]
+        its = its[left_of(what, place(its[:, 1:].ravel()).reshape(-1, width), stays, table, start)]
+        setattr(state, f"{what}s", np.concatenate([lasting(state, what), its]))
         number = next((fix.parameters[what] for fix in state.fixes_of(*FORMING)), 0)
         if number and getattr(state, what).style != "none":
-            there = at_start(state, "bond")[:, 1:]
-            start = both_ways(state.atoms.index_of(there.ravel()).reshape(-1, 2), len(state.atoms))
             ids = state.atoms.ids[FORMED[what](table, start).astype(np.int64)]
-            setattr(state, f"{what}s", np.concatenate([at_start(state, what), np.column_stack([np.full(len(ids), number), ids])]))
+            setattr(state, f"{what}s", np.concatenate([getattr(state, f"{what}s"), np.column_stack([np.full(len(ids), number), ids])]))
 
 
 def keep_reacted(state: DeckState, reacted: dict[str, list[float]]) -> None:

@@ -1,11 +1,8 @@
 """From the state of a deck to a :class:`~openmm_dpd.model.scene.Scene`, including bead fields and sources."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ...base.errors import read_by
-from ...model.bonds import HarmonicBonds
 from ...model.eos import EquationOfState
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
 from ...model.scene import Scene
@@ -20,12 +17,11 @@ from ..state.rigid import bodies_of, make_whole
 from ..styles.charges import electrostatics_of
 from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
-from ..styles.words import bonded_styles
 from .axes import SAME, Axes, axes_of
 from .exclusion import scene_pairs
 from .flow import body_forces_of, guided, interacting_beads, walls_of
 from .integration import integration
-from .reacting import at_start, reacting_types, reactions_of
+from .reacting import bonded_terms, lasting, reactions_of
 
 
 def build_scene(
@@ -69,10 +65,7 @@ def build_scene(
             velocities=axes.of_scene(atoms.velocities * units.velocity),
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
-            bonds=_bonded_terms(state, "bond", leave=reacting_types(state)),
-            angles=_bonded_terms(state, "angle"),
-            dihedrals=_bonded_terms(state, "dihedral"),
-            impropers=_bonded_terms(state, "improper"),
+            **{f"{what}s": bonded_terms(state, what, lasting(state, what)) for what in ("bond", "angle", "dihedral", "improper")},
             segments=segments_of(state, compat),
             bonded_factors=bonded_factors(state),
             mobile=None if mobile.all() else mobile,
@@ -127,26 +120,6 @@ def deck_kT(state: DeckState, window: Window | None) -> float | TemperatureRamp:
     if start == stop or window is None or window.end == window.begin:
         return start
     return TemperatureRamp(start, stop, window.begin - window.first, window.end - window.first)
-
-
-def _bonded_terms(state: DeckState, what: str, leave: Sequence[int] = ()) -> list:
-    """Bonds, angles, ... by type.  Bonds without energy are kept, since they count for special_bonds; other terms without energy
-    are left out."""
-    terms, setup, known, found = at_start(state, what), getattr(state, what), bonded_styles(what), []
-    for kind in np.setdiff1d(terms[:, 0], leave).tolist():
-        style: str = "none"
-        values: dict[str, float] = {}
-        if setup.style not in ("none", "zero") and kind > 0:
-            if kind not in setup.coefficients:
-                raise located(setup.where, f"no {what}_coeff for {what} type {kind} ({what}_style {setup.style})")
-            style, values = setup.coefficients[kind]
-        ids = terms[terms[:, 0] == kind, 1:]
-        beads = state.atoms.index_of(ids.ravel()).reshape(ids.shape)
-        if style not in ("none", "zero"):
-            found.append(known[style].build(beads, values))
-        elif what == "bond":
-            found.append(HarmonicBonds(beads, np.zeros(len(beads)), np.zeros(len(beads))))
-    return found
 
 
 def bonded_factors(state: DeckState) -> tuple[float, float, float]:
