@@ -28,7 +28,7 @@ PAIRS = {("W", "W"): dpd.DPD(A=25, gamma=4.5)}
 
 def fluid_with(walls: list[SolidWall], box: np.ndarray, force: tuple[float, float, float]) -> dpd.Scene:
     """A fluid in a box around walls, with the frozen beads of :func:`frozen_layer`, or with so much more friction than in the fluid."""
-    x = np.random.default_rng(given.seed).random((round(3 * float(np.prod(box))), 3)) * box
+    x = np.random.default_rng(given.seed).random((round(given.density * float(np.prod(box))), 3)) * box
     pair, push = dpd.DPD(A=given.A, gamma=given.gamma), [dpd.BodyForce(force)] if any(force) else []
     pairs, types = {("W", "W"): pair}, None
     if given.more is not None:
@@ -230,6 +230,7 @@ if __name__ == "__main__":
     parser.add_argument("--more", type=float, help="friction with frozen beads over that within the fluid")
     parser.add_argument("--A", type=float, default=25.0)
     parser.add_argument("--gamma", type=float, default=4.5)
+    parser.add_argument("--density", type=float, default=3.0)
     parser.add_argument("--dt", type=float, default=0.04)
     parser.add_argument("--viscosity", type=float, default=0.837, help="of the bulk, for the drag on a cylinder")
     parser.add_argument("--push", type=float, default=1.0, help="force on a bead times the square of the radius")

@@ -26,9 +26,10 @@ from ..simulation.build import build
 #: densities in the first and in the second layer beside it depend.
 MOMENTS, BETWEEN, POWERS = 160, 5, (2, 12)
 #: In units of kT, the mass and the cutoff: friction with frozen beads times the repulsion, below which fluids of single beads slip; the
-#: repulsion below which this friction stays the same; that up to which twice the friction within the fluid is needed, and less beyond it.
-#: Measured: docs/measure/solid_walls.py pipe.
-HELD, SOFT, TWICE = 1250.0, 15.0, 25.0
+#: repulsion below which this friction stays the same; that up to which twice the friction within the fluid is needed, and less beyond it;
+#: the density up to which all this holds, the power of it by which denser fluids need less, and the friction that stiff ones need at any
+#: density.  Measured: docs/measure/solid_walls.py pipe.
+HELD, SOFT, TWICE, THIN, POWER, STIFF = 1250.0, 15.0, 25.0, 3.0, 1.75, 12.0
 #: Parts of a scene that may be there.
 _PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "bead_masses", "compat", "body_forces", "sources"}
 
@@ -119,6 +120,7 @@ def _with_held(scene: Scene) -> tuple[Scene, dict[str, str]]:
     if other is not None:
         raise ParameterError(f"the friction of frozen beads against slip is not known, as {other}; give them a type with `types`")
     table: dict[tuple[str, str], Any] = tables[0]
+    volume = float(np.prod(np.diagonal(np.asarray(scene.box))))
     masses, pairs, names = dict(scene.masses), dict(table), dict[str, str]()
     for kind in sorted(set(scene.types)):
         names[kind] = f"{kind}_wall" + "_" * sum(name.startswith(f"{kind}_wall") for name in masses)
@@ -128,7 +130,10 @@ def _with_held(scene: Scene) -> tuple[Scene, dict[str, str]]:
                 continue
             free = two if one == kind else one
             repulsion = max(pair.A * pair.cutoff, SOFT * kT) or 1.0
-            least, more = HELD * kT * (scene.masses[free] * kT) ** 0.5 / (repulsion * pair.cutoff), min(2.0, 1.0 + TWICE * kT / repulsion)
+            dense = max(1.0, scene.n_beads / volume * pair.cutoff**3 / THIN) ** POWER
+            held = HELD * kT / repulsion
+            least = max(held / dense, min(held, STIFF)) * (scene.masses[free] * kT) ** 0.5 / pair.cutoff
+            more = min(2.0, 1.0 + TWICE * kT / repulsion)
             gamma = max(more * pair.gamma, least) if pair.gamma else 0.0
             pairs[free, names[kind]] = replace(pair, gamma=gamma, gamma_perp=more * pair.gamma_perp, sigma=None)
     missing = {(a, b): NONE for a in masses for b in names.values() if (a, b) not in pairs}
