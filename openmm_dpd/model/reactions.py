@@ -86,6 +86,7 @@ class _Reaction:
         values: list[tuple[str, Any, Any]] = [(each.name, getattr(self, each.name), each.default) for each in fields(self)[1:]]  # type: ignore[arg-type]
         long = Angles | Torsions | np.ndarray
         given = [(name, value) for name, value, usual in values if np.size(value) != np.size(usual) or np.any(value != usual)]
+        given = [(name, [type(each).__name__ for each in value] if name == "takes" else value) for name, value in given]
         given = [(name, type(value).__name__ if isinstance(value, long) else value) for name, value in given]
         return f"{self.what} of {self.bonds}: {', '.join(f'{name} = {value}' for name, value in given)}"
 

@@ -410,6 +410,7 @@ def test_terms_go_with_the_first_bond_that_breaks():
     assert np.isclose(state(simulation)[2], energy([1]), rtol=1e-6)
     sample = dpd.Observer(built).sample(simulation.context)
     assert np.isclose(sample.angle, energy([1]), rtol=1e-6)
+    assert "takes = ['HarmonicAngles']" in str(reaction)
     uneven = dpd.HarmonicAngles([[0, 1, 2], [3, 4, 5]], [1.0, 2.0], 2.0)
     raises(dpd.ParameterError, "of equal coefficients", replace, reaction, takes=[uneven])
     far = replace(reaction, takes=[dpd.HarmonicAngles([[0, 1, N]], 1.0, 2.0)])

@@ -182,7 +182,7 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
             length = given["length"] * state.units.length
             if fix.style in FORMING:
                 one, other = map(str, given["types"])
-                later = {"becomes": given["becomes"], "between": given["between"], "first": True}
+                later = {"becomes": given["becomes"], "between": given["between"], "first": given["between"] is not None}
                 if given["molecule"] != "off":
                     later |= {"molecules": state.atoms.molecules.copy(), "inside": given["molecule"] == "intra"}
                 later |= {what: terms.get((what, number)) for what, number, _ in formed}
