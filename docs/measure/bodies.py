@@ -20,7 +20,7 @@ from openmm_dpd.base.geometry import minimum_images
 from openmm_dpd.molecules import body_shape, relax, suspension
 from openmm_dpd.stats import block_average
 
-EDGE, FREE, BODIES, EVERY = 4.0, 110, 8, 4
+EDGE, FREE, BODIES = 4.0, 110, 8
 GOLDEN = (1 + 5**0.5) / 2
 _CORNERS = np.array([[0, a, b * GOLDEN] for a in (-1, 1) for b in (-1, 1)])
 #: Places and masses of the beads of a body: the corners of an icosahedron, a rod, and a lump whose masses are 1 to 1000.
@@ -44,7 +44,7 @@ def scene(
     return dpd.Scene({"C": 1.0, "W": 1.0}, types, x, pairs, 1.0, box=[edge] * 3, bead_masses=mass, bodies=bodies)
 
 
-def temperatures(shape: str, gamma: float, dt: float, samples: int, scheme: str) -> None:
+def temperatures(shape: str, gamma: float, dt: float, samples: int, every: int, scheme: str) -> None:
     """Print the temperatures of translation, rotation and of the fluid, without what the total momentum takes."""
     of = scene(*SHAPES[shape], gamma)
     simulation = dpd.build(of, dt=dt, scheme=scheme, seed=7, platform="CPU").simulation()
@@ -53,7 +53,7 @@ def temperatures(shape: str, gamma: float, dt: float, samples: int, scheme: str)
     n, m, total, rows = len(SHAPES[shape][0]), SHAPES[shape][1], of.bead_masses.sum(), []
     inertia = 3 - of.shapes[0].in_line
     for _ in range(samples):
-        simulation.step(EVERY)
+        simulation.step(every)
         v = np.array(simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value)
         its = v[: n * BODIES].reshape(BODIES, n, 3)
         centre = np.einsum("k,bka->ba", m, its) / m.sum()
@@ -168,6 +168,7 @@ if __name__ == "__main__":
     parser.add_argument("--gamma", type=float, default=4.5)
     parser.add_argument("--dt", type=float, default=0.05)
     parser.add_argument("--samples", type=int, default=20000)
+    parser.add_argument("--every", type=int, default=4)
     parser.add_argument("--scheme", default="bababo")
     parser.add_argument("--frames", type=int, default=4000)
     parser.add_argument("--lags", type=int, nargs="+", default=[4, 16, 48])
@@ -179,4 +180,4 @@ if __name__ == "__main__":
     elif given.what == "diffusion":
         diffusion(given.dt, given.frames, given.lags, given.friction, given.lammps)
     else:
-        temperatures(given.shape, given.gamma, given.dt, given.samples, given.scheme)
+        temperatures(given.shape, given.gamma, given.dt, given.samples, given.every, given.scheme)

@@ -29,7 +29,7 @@ MOMENTS, BETWEEN, POWERS = 160, 5, (2, 12)
 #: repulsion below which this friction stays the same; that up to which twice the friction within the fluid is needed, and less beyond it;
 #: the density up to which all this holds, the power of it by which denser fluids need less, and the friction that stiff ones need at any
 #: density.  Measured: docs/measure/solid_walls.py pipe.
-HELD, SOFT, TWICE, THIN, POWER, STIFF = 1250.0, 15.0, 25.0, 3.0, 1.75, 12.0
+HELD, SOFT, TWICE, THIN, POWER, STIFF = 1250.0, 15.0, 25.0, 3.0, 1.75, 14.0
 #: Parts of a scene that may be there.
 _PLAIN = {"masses", "types", "positions", "pairs", "kT", "box", "velocities", "bead_masses", "compat", "body_forces", "sources"}
 

@@ -29,7 +29,7 @@ def test_frozen_beads_hold_the_fluid_and_turn_with_their_wall():
     assert table["B", "A_wall"].gamma == 100.0 and table["A", "B_wall_"].gamma == 50.0  # by the mass of the bead that moves
     held = table["B", "B_wall_"]
     assert np.allclose([held.gamma, held.gamma_perp], np.array([30, 3]) * (1 + 25 / 78))
-    for A, more, gamma in (25, 2.0, 50 * 2**-1.75), (78, 2.0, 12.0), (78, 1.0, 1250 / 78):  # denser fluids need less
+    for A, more, gamma in (25, 2.0, 50 * 2**-1.75), (78, 2.0, 14.0), (78, 1.0, 1250 / 78):  # denser fluids need less
         x = np.random.default_rng(1).random((round(225 * more), 3)) * EDGES
         dense = dpd.Scene({"A": 1.0}, ["A"] * len(x), x, {("A", "A"): dpd.DPD(A=A, gamma=4.5)}, kT=1.0, box=EDGES)
         dense = frozen_layer(dense, [PIPE], dt=0.02, steps=0, seed=1)
