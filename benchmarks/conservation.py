@@ -7,6 +7,7 @@ missing in ``out/conservation``, then writes openmm_dpd/advice/drift.json and th
 
     python benchmarks/conservation.py               # half an hour of one core
     python benchmarks/conservation.py --only table  # only the file, from the runs that are there
+    python benchmarks/conservation.py --bonded      # drifts with bonds and charges, beside those of the fluid alone at the same steps
     python benchmarks/conservation.py --check       # the step for an energy within 1 % over 1,000 units of time, run for so long
 """
 
@@ -18,6 +19,7 @@ import functools
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +30,13 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(Path(__file__).parent))
 
 from atlas_parts import page  # noqa: E402
-from atlas_parts.scenes import conserving, fluid  # noqa: E402
+from atlas_parts.scenes import SCENES, conserving, fluid  # noqa: E402
 from atlas_parts.store import Store  # noqa: E402
 from atlas_parts.summary import machine, short, write  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.advice.scene_groups import groups  # noqa: E402
+from openmm_dpd.advice.stability_table import shipped_table  # noqa: E402
 from openmm_dpd.base.errors import DPDError  # noqa: E402
 
 FILE = ROOT / "openmm_dpd" / "advice" / "drift.json"
@@ -63,12 +67,11 @@ def scene_of(point: dict, beads: int = BEADS) -> dpd.Scene:
 
 @functools.lru_cache(maxsize=4)
 def settled(text: str, beads: int) -> np.ndarray:
-    """Positions in equilibrium, by a medium friction."""
-    point = json.loads(text)
-    simulation = dpd.build(
-        scene_of(point | {"gamma": 4.5, "cv": None}, beads), dt=0.004, scheme="middle", platform="CPU", seed=1
-    ).simulation()
-    simulation.step(2500)
+    """Positions in equilibrium, by a medium friction, of a point or a scene with bonds or charges."""
+    scene = kept(text) if text in BONDED else scene_of(json.loads(text) | {"gamma": 4.5, "cv": None}, beads)
+    dt = 0.001 if text in BONDED else 0.004
+    simulation = dpd.build(scene, dt=dt, scheme="middle", platform="CPU", seed=1).simulation()
+    simulation.step(round(10.0 / dt))
     return simulation.context.getState(positions=True).getPositions(asNumpy=True)
 
 
@@ -82,10 +85,13 @@ def slope(times: np.ndarray, energies: np.ndarray, pieces: int = 8) -> tuple[flo
 def work(job: dict) -> dict:
     """Drift of one run."""
     dpd.set_threads(1)
-    begun, point, dt = time.perf_counter(), job["point"], job["dt"]
-    built = dpd.build(scene_of(point, job["beads"]), dt=dt, scheme=job["scheme"], platform="CPU", seed=2)
+    begun, dt = time.perf_counter(), job["dt"]
+    name = job.get("scene") or json.dumps(job["point"])
+    built = dpd.build(
+        kept(name) if "scene" in job else scene_of(job["point"], job["beads"]), dt=dt, scheme=job["scheme"], platform="CPU", seed=2
+    )
     simulation, observer = built.simulation(properties={"Threads": "1"}), dpd.Observer(built)
-    simulation.context.setPositions(settled(json.dumps(point), job["beads"]))
+    simulation.context.setPositions(settled(name, job["beads"]))
     every, rows = max(1, round(0.2 / dt)), []
     try:
         simulation.step(round(4.0 / dt))
@@ -149,7 +155,7 @@ def tabulate(store: Store) -> dict:
     for scheme in SCHEMES:
         for point in POINTS:
             of = scheme if point in POINTS[:2] else ALIKE.get(scheme, scheme)
-            runs = [r for r in store.results.values() if r["scheme"] == of and r["point"] == point]
+            runs = [r for r in store.results.values() if r["scheme"] == of and r.get("point") == point]
             blown = min((r["dt"] for r in runs if "failed" in r), default=np.inf)
             rows = [[r["dt"], *r["drift"]] for r in sorted(runs, key=lambda r: r["dt"]) if r["dt"] < blown]
             if rows:
@@ -176,6 +182,40 @@ def text(table: dict) -> str:
         cells = [p["schemes"][s]["drift"]["0.1"] if s in p["schemes"] else None for s in SCHEMES]
         lines.append(f"| {head} | " + " | ".join(f"{c[0]:.2g} ± {c[1]:.1g}" if c else "-" for c in cells) + " |")
     return "\n".join(lines)
+
+
+#: Scenes with bonds, angles and charges whose beads keep their energy, in a fluid of A 25 (the electrolyte's is 78).
+BONDED = (
+    "chains, k 4, rest length 0",
+    "chains, k 100",
+    "chains, k 1000",
+    "FENE chains, k 30, R0 1.5",
+    "Morse chains, D 50, alpha 8",
+    "chains, k 100, angles k 50",
+    "electrolyte, A 78",
+)
+
+
+def kept(name: str) -> dpd.Scene:
+    """A scene of :mod:`atlas_parts.scenes` with internal energies in its beads."""
+    scene = SCENES[name](BEADS)
+    pairs = {("*", "*"): dpd.EnergyDPD(A=78.0 if "78" in name else 25.0, sigma=3.0, kappa=1.0)}
+    return replace(scene, pairs=pairs, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(LARGE), 1.0), bead_masses=None)
+
+
+def bonded(store: Store, schemes: tuple[str, ...] = ("middle", "bababo", "bab3")) -> None:
+    """Drifts at the steps that are recommended for temperatures, beside what the table says of the fluid."""
+    drift = shipped_table("drift")
+    print("| scene | scheme, step (limit) | kT per bead and time | of the fluid alone |\n| --- | --- | --- | --- |")
+    for name in BONDED:
+        scene = kept(name)
+        for choice in (one for one in dpd.recommend(scene, 0.01).choices if one.scheme in schemes):
+            job = {"scene": name, "scheme": choice.scheme, "dt": float(f"{choice.dt:.4g}"), "beads": scene.n_beads, "time": 4 * LONGEST}
+            if job not in store:
+                store.add(work(job))
+            known, alone = store.get(job), drift.error(choice.scheme, groups(scene)[0][0], choice.dt, "drift")
+            text = known.get("failed") or f"{known['drift'][0]:+.2g}({known['drift'][1]:.1g})"
+            print(f"| {name} | `{choice.scheme}`, {choice.dt:.3g} ({choice.limit}) | {text} | {alone:.2g} |", flush=True)
 
 
 def check(length: float) -> None:
@@ -213,11 +253,14 @@ def main() -> None:
     parser.add_argument("--only", choices=("runs", "table"))
     parser.add_argument("--schemes", nargs="+", choices=SCHEMES, default=SCHEMES)
     parser.add_argument("--check", action="store_true")
+    parser.add_argument("--bonded", action="store_true")
     parser.add_argument("--length", type=float, default=1000.0)
     options = parser.parse_args()
     if options.check:
         return check(options.length)
     store = Store(ROOT / "out" / "conservation" / "results.jsonl")
+    if options.bonded:
+        return bonded(store)
     if options.only != "table":
         for point in POINTS:
             for scheme in options.schemes:

@@ -127,6 +127,12 @@ hessian_times = over_pairs("hessian_times", _hessian_times, parallel=False)
 
 
 @njit
+def along(e, v, w):
+    """e.(v - w)."""
+    return e[0] * (v[0] - w[0]) + e[1] * (v[1] - w[1]) + e[2] * (v[2] - w[2])
+
+
+@njit
 def pair_updates(letter, v, first, second, e, r, gamma, adaptive, dt, rng):
     """The sweeps L, N and P over all pairs in turn; masses and kT are 1, the cutoff is 1.  Changes v, returns the adaptive friction.
 
@@ -136,7 +142,7 @@ def pair_updates(letter, v, first, second, e, r, gamma, adaptive, dt, rng):
         if letter != "L":
             excess = 0.0
             for n in range(len(r)):
-                ev = np.dot(e[n], v[first[n]] - v[second[n]])
+                ev = along(e[n], v[first[n]], v[second[n]])
                 excess += (1 - r[n]) ** 2 * (ev * ev - 2.0)
             adaptive += 0.5 * dt * excess / (INERTIA * 3 * len(v))
             if letter == "N":
@@ -145,15 +151,16 @@ def pair_updates(letter, v, first, second, e, r, gamma, adaptive, dt, rng):
         for n in range(len(r) if half == 0 else 0):
             i, j = first[n], second[n]
             w2 = (1 - r[n]) ** 2
-            ev = np.dot(e[n], v[i] - v[j])
+            ev = along(e[n], v[i], v[j])
             if letter == "L":
                 new = np.sqrt(2.0) * rng.normal() if rng.random() < gamma * dt else ev
             else:
                 rate = 2 * w2 * (adaptive + (gamma if letter == "P" else 0.0))
                 noise = 8 * gamma * w2 * (-np.expm1(-2 * rate * dt) / (2 * rate)) if letter == "P" and rate != 0.0 else 0.0
-                new = np.exp(-rate * dt) * ev + np.sqrt(noise) * rng.normal()
-            v[i] += 0.5 * (new - ev) * e[n]
-            v[j] -= 0.5 * (new - ev) * e[n]
+                new = np.exp(-rate * dt) * ev + (np.sqrt(noise) * rng.normal() if noise else 0.0)
+            for a in range(3):
+                v[i, a] += 0.5 * (new - ev) * e[n, a]
+                v[j, a] -= 0.5 * (new - ev) * e[n, a]
     return adaptive
 
 

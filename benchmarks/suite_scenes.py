@@ -119,7 +119,7 @@ SAME = dict.fromkeys(("T_kin", "T_conf"), 1.0)
 @dataclass(frozen=True)
 class Frozen:
     """A scene of the suite: what it is, about the step at which velocity Verlet is 1 % off, what is measured, time to settle, and the scheme
-    that stands for LAMMPS's fixes; steps of the reference runs in LAMMPS and here, and the word of the latter."""
+    that stands for LAMMPS's fixes; steps of the reference runs in LAMMPS and here, the word of the latter, and how many times as many they are."""
 
     about: str
     scene: Callable[[], dpd.Scene]
@@ -132,6 +132,7 @@ class Frozen:
     ours: tuple[float, float] = (1 / 32, 1 / 16)
     exact: Mapping[str, float] = field(default_factory=lambda: SAME)
     word: str = "bababo"
+    times: int = 1
 
 
 _MIXED = ("T_kin", "T_conf", "U", "P", "g_core", "g_shell", "D_first", "D_second")
@@ -201,6 +202,7 @@ SUITE = {
         50.0,
         shear=0.5,
         exact={},
+        times=4,
     ),
     "channel": Frozen(
         "standard fluid between walls of frozen beads, driven by a force of 0.1 on each bead",

@@ -77,6 +77,12 @@ def conserving(beads: int, capacity: float) -> dpd.Scene:
     return fluid(beads, {("A", "A"): dpd.EnergyDPD(A=25, sigma=3, kappa=1)}, internal=inside)
 
 
+def exchanging(beads: int, kappa: float, gamma: float) -> dpd.Scene:
+    """Beads with a species."""
+    pairs = {("A", "A"): dpd.TDPD(A=25, gamma=gamma, kappa=kappa)}
+    return fluid(beads, pairs, internal=dpd.Concentrations(np.ones(beads)))
+
+
 def _one(**values) -> dict:
     return {("A", "A"): DPD(**values)}
 
@@ -127,6 +133,8 @@ SCENES: dict[str, Callable[[int], dpd.Scene]] = {
     "many-body liquid, A -30, B 15, friction 9": lambda n: slab(n, -30.0, 15.0, 9.0),
     "lipid bilayer": bilayer,
     "electrolyte, A 78": lambda n: deck_scene(DECKS / "in.electrolyte"),
+    "species, kappa 3": lambda n: exchanging(n, 3.0, 4.5),
+    "species, kappa 20, friction 20": lambda n: exchanging(n, 20.0, 20.0),
     "heat capacity 60": lambda n: conserving(n, 60.0),
     "heat capacity 10": lambda n: conserving(n, 10.0),
 }  # fmt: skip
@@ -228,7 +236,7 @@ def averages(
             for _ in range(200):
                 simulation.step(every)
                 s = observer.sample(simulation.context)
-                target = s.theta if scene.internal is not None else scene.initial_kT
+                target = s.theta or scene.initial_kT
                 rows.append((s.kT / target, s.gradient2, (s.laplacian or 0.0) * target, s.potential / scene.n_beads))
             kinetic, above, below, potential = np.array(rows).T
             kin, energy = block_average(kinetic), block_average(potential)

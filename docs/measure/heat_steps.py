@@ -86,6 +86,8 @@ STANDARD, DENSE, WIDE = (25.0, 3.0, 1.0, (10, 4, 4)), (25.0, 6.0, 1.0, (10, 4, 4
 #: What decays, in which fluid, kappa (as a rate between two beads), for how long; the short step, and pairs of scheme and step.
 FAST = [
     *((what, STANDARD, 20.0, 3.0, 0.02, (("bababo", 0.12), ("bab3", 0.12), ("bab3", 0.22))) for what in ("species", "heat", "energies")),
+    ("species", STANDARD, 20.0, 3.0, 0.02, (("mvv", 0.01), ("mvv", 0.02))),
+    ("species", STANDARD, 40.0, 2.0, 0.02, (("mvv", 0.02),)),
     ("species", STANDARD, 40.0, 2.0, 0.01, (("bababo", 0.06), ("bababo", 0.11))),
     ("species", DENSE, 25.0, 1.0, 0.01, (("bababo", 0.1), ("bab3", 0.18))),
     ("species", WIDE, 15.0, 0.32, 0.005, (("bababo", 0.08),)),

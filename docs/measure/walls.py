@@ -2,6 +2,7 @@
 
 python docs/measure/walls.py 78 3 --gamma 4.5 --time 2000         one row: repulsion and density, in units of rc, kT and the mass
 python docs/measure/walls.py 25 3 --chains 2                      all beads in chains of ten with k = 2
+python docs/measure/walls.py 25 3 --unlike 28                     half of the beads of a type that repels the other by this
 python docs/measure/walls.py 78 3 --tau 0.01                      find the force anew, by iteration, and the slip with this tau
 python docs/measure/walls.py --write                              fit both to docs/walls.json, into openmm_dpd/plan/continuum.json
 """
@@ -30,7 +31,8 @@ IN_FORCE, IN_TIME = (3, 3), (2, 2)
 
 
 def channel(given, A: float, rho: float, time: float):
-    """Histograms of beads, their velocities and kinetic energies across the flow, (blocks, 3, FINE), and the forces on the walls."""
+    """Histograms of beads, their velocities and kinetic energies across the flow, and beads of the type behind the wall, (blocks, 4, FINE),
+    and the forces on the walls."""
     rng, n, bonds = np.random.default_rng(given.seed), round(rho * EDGE**2 * GAP), []
     x = rng.random((n, 3)) * [EDGE, EDGE, GAP]
     if given.chains:
@@ -40,14 +42,16 @@ def channel(given, A: float, rho: float, time: float):
         bonds = [dpd.HarmonicBonds([(i, i + 1) for i in range(n) if i % 10 < 9], k=given.chains, r0=0.0)]
     u = given.rate * GAP / 2
     walls = [dpd.Wall("z", z, side, velocity=(v, 0, 0), behind="W", density=rho) for z, side, v in ((0, "above", -u), (GAP, "below", u))]
-    pairs, box = {("W", "W"): dpd.DPD(A=A, gamma=given.gamma)}, (EDGE, EDGE, GAP + 1)
-    scene = dpd.Scene({"W": 1.0}, ["W"] * n, x, pairs, kT=1.0, box=box, walls=walls, bonds=bonds)
+    same, box = dpd.DPD(A=A, gamma=given.gamma), (EDGE, EDGE, GAP + 1)
+    pairs = {("W", "W"): same, ("W", "B"): dpd.DPD(A=given.unlike or A, gamma=given.gamma), ("B", "B"): same}
+    behind = np.arange(n) % 2 == 0 if given.unlike else np.ones(n, bool)
+    scene = dpd.Scene({"W": 1.0, "B": 1.0}, np.where(behind, "W", "B").tolist(), x, pairs, kT=1.0, box=box, walls=walls, bonds=bonds)
     built = dpd.build(scene, dt=0.005, scheme="bababo", seed=given.seed, platform="CPU")
     simulation = built.simulation()
     simulation.step(1000)
     simulation.integrator.setStepSize(given.dt)
     simulation.step(round(WAIT / given.dt))
-    forces, every, found = WallReporter(round(1 / given.dt), built), round(0.2 / given.dt), np.zeros((BLOCKS, 3, FINE))
+    forces, every, found = WallReporter(round(1 / given.dt), built), round(0.2 / given.dt), np.zeros((BLOCKS, 4, FINE))
     simulation.reporters.append(forces)
     for block in found:
         for _ in range(int(time / BLOCKS / every / given.dt)):
@@ -55,7 +59,7 @@ def channel(given, A: float, rho: float, time: float):
             state = simulation.context.getState(positions=True, velocities=True)
             z, v = state.getPositions(asNumpy=True)._value[:, 2], state.getVelocities(asNumpy=True)._value
             cell = np.clip((z * FINE / GAP).astype(int), 0, FINE - 1)
-            for row, weights in zip(block, (None, v[:, 0], (v[:, 1] ** 2 + v[:, 2] ** 2) / 2), strict=True):
+            for row, weights in zip(block, (None, v[:, 0], (v[:, 1] ** 2 + v[:, 2] ** 2) / 2, behind), strict=True):
                 row += np.bincount(cell, weights=weights, minlength=FINE)
     return found, forces
 
@@ -65,9 +69,10 @@ def measures(found, forces, rate: float) -> dict[str, tuple]:
     fit, error = np.abs(MIDS - GAP / 2) < GAP / 2 - 1.5, lambda rows: np.std(rows, axis=0, ddof=1) / BLOCKS**0.5
     u = found[:, 1] / np.maximum(found[:, 0], 1)
     slopes = np.array([np.polyfit(MIDS[fit], row[fit], 1, w=found[0, 0, fit] ** 0.5)[0] for row in u])
-    count, square = (((part + part[:, ::-1]).reshape(BLOCKS, -1, LAYER).sum(axis=2)) for part in (found[:, 0], found[:, 2]))
+    count, square, its = (((part + part[:, ::-1]).reshape(BLOCKS, -1, LAYER).sum(axis=2)) for part in found[:, [0, 2, 3]].swapaxes(0, 1))
     inner = INNER[LAYER // 2 :: LAYER]
     density, heat = count / count[:, inner].mean(axis=1, keepdims=True), square / count
+    share = its / count
     heat /= heat[:, inner].mean(axis=1, keepdims=True)
     ratio, ratio_error, stress, pressure = slopes.mean() / rate, error(slopes) / rate, forces.shear(), forces.pressure
     return {
@@ -80,6 +85,7 @@ def measures(found, forces, rate: float) -> dict[str, tuple]:
         "pressure": (pressure.mean(), pressure.std() / len(pressure) ** 0.5),
         "density": (density.mean(axis=0)[:6], error(density)[:6]),
         "kT": (heat.mean(axis=0)[:4], error(heat)[:4]),
+        "share": (np.append(share.mean(axis=0)[:6], share[:, inner].mean()), error(share)[:6]),
     }
 
 
@@ -138,7 +144,7 @@ def write(rows: list[dict]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("fluid", type=float, nargs="*", help="A and density")
-    for name, default in {"gamma": 4.5, "time": 1000.0, "dt": 0.03, "rate": 0.2, "seed": 1, "chains": None, "tau": None}.items():
+    for name, default in {"gamma": 4.5, "time": 1000.0, "dt": 0.03, "rate": 0.2, "seed": 1, "chains": None, "unlike": None, "tau": None}.items():
         parser.add_argument(f"--{name}", type=int if name == "seed" else float, default=default)
     parser.add_argument("--write", action="store_true")
     given, rows = parser.parse_args(), json.loads(ROWS.read_text()) if ROWS.exists() else []

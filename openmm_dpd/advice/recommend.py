@@ -14,7 +14,7 @@ from ..model.schemes import SCHEMES, scheme_of
 from ..plan.plan import make_plan
 from ..simulation.mixed_system import MixedSystem
 from .bonded_modes import Modes, bonded_modes, why_no_step
-from .scene_groups import charge_frequency, conserves, groups, is_many_body, smallest_capacity, steps_table, surroundings
+from .scene_groups import charge_frequency, conserves, fastest_exchange, groups, is_many_body, smallest_capacity, steps_table, surroundings
 from .stability_table import LEVELS, MEASURED, SAFE, Groups, MeasuredStep, StabilityTable, shipped_table, shipped_transport
 
 #: Smallest error that may be asked for; smaller ones cannot be measured.
@@ -29,6 +29,9 @@ AIM = 0.87
 #: Error from which on the dips of configurational temperatures do not count; in mixtures only that of the species with the softest
 #: surroundings does: steps beyond those of others were right.
 _DIP = 0.02
+#: kappa times the step up to which decays of concentrations are right: with rates, and with pair updates to 1 and to 2 %
+#: (docs/measure/heat_steps.py --fast).
+_EXCHANGED = (0.8, 2.5, 4.5)
 #: Errors at which :func:`advice` compares schemes.
 _COMPARED = (0.003, 0.05)
 
@@ -46,7 +49,7 @@ class Choice:
         Computing time for the same simulated time and error, relative to ``mvv``, or to the first scheme that has a step.
     limit : str
         Limit of the step: "configurational temperature", "kinetic temperature", "diffusion", "viscosity", "stability", "energy",
-        "bonds", "angles", "dihedrals" or "charges".
+        "bonds", "angles", "dihedrals", "charges" or "exchange".
     """
 
     scheme: str
@@ -146,7 +149,8 @@ def recommend(
     vibrations under each scheme (:mod:`openmm_dpd.advice.bonded_modes`), charges by that of two opposite charges at the same point; the
     drift of energy was measured without them.  There is no recommendation with walls, impropers, segmental repulsion,
     mixtures of many-body beads, other potentials between beads or attraction, or if the beads of a dihedral may become
-    collinear; ``notes`` have the reason.  The steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's
+    collinear; ``notes`` have the reason.  Species act on no force: beads have the steps of the fluid without them, as far as concentrations
+    decay right.  The steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's
     DPDIntegrator updates all pairs at once, and is too hot at shorter steps.  Beads beside atoms
     (:func:`openmm_dpd.create_mixed_system`) need the step of the atoms and are refused.
     """
@@ -189,6 +193,9 @@ def recommend(
     if drift is not None and duration is not None:
         bound = error * heat / duration
         steps = {scheme: min(step, _drift_step(drift, scheme, pairs, bound)) for scheme, step in steps.items() if scheme in drift.schemes}
+    if rate := fastest_exchange(scene):
+        most = [(MeasuredStep(most / rate, 0.0), "exchange") for most in _EXCHANGED]
+        steps = {scheme: min(step, most[0 if scheme == "mvv" else 1 + (error >= 0.02)]) for scheme, step in steps.items()}
     costs = {scheme: table.cost[scheme] / step.dt for scheme, (step, _) in steps.items()}
     usual = costs.get("mvv", min(costs.values()))
     choices = [Choice(s, steps[s][0].dt, steps[s][0].error, costs[s] / usual, steps[s][1]) for s in sorted(costs, key=lambda s: costs[s])]

@@ -10,6 +10,7 @@ import numpy as np
 from ..model.internal import InternalEnergy
 from ..model.pairs import NONE
 from ..model.scene import Scene
+from ..model.tdpd import TDPD
 from ..plan.kinds import kind_for
 from .stability_table import Groups, StabilityTable, drag, shipped_table
 
@@ -148,6 +149,17 @@ def charge_frequency(scene: Scene) -> float:
     centre, beside = scene.electrostatics.potential(np.array([0.0, h]))
     curvature = 2.0 * float(centre - beside) / h**2 * scene.electrostatics.coulomb(scene.initial_kT)
     return float(curvature * max(ends)) ** 0.5
+
+
+def fastest_exchange(scene: Scene) -> float:
+    """Largest rate at which two beads exchange a species, 1/ps, or a bead with all its neighbours, over 3.2; 0 without any."""
+    if scene.box is None:
+        return 0.0
+    density, rates = scene.n_beads / float(np.prod(np.diag(scene.box))), [0.0]
+    for pair in (value for table in scene.tables for value in table.resolve(scene.type_names).values() if isinstance(value, TDPD)):
+        sphere = 8 * math.pi / 3.2 * density * (pair.cutoff_c or pair.cutoff) ** 3  # of the weights (1 - r/cutoff_c)^p of its neighbours
+        rates += [kappa * max(1.0, sphere / ((p + 1) * (p + 2) * (p + 3))) for kappa, p in zip(pair.kappa, pair.exponent_c, strict=True)]
+    return max(rates)
 
 
 def conserves(scene: Scene, pairs: list[Groups]) -> bool:

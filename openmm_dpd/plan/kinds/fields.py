@@ -181,6 +181,7 @@ register(
         why_kernel_only=lambda _, scene, *__: "a force follows concentrations" if any(each.pushes for each in scene.sources) else None,
         fields=_concentrations,
         device=_species_on_device,
+        frictions=lambda c, _: [(c.gamma, 0.5 * c.exponent)],
         field_text="concentrations, three species in each variable",
     )
 )
