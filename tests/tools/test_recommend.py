@@ -338,6 +338,24 @@ def test_energy_is_kept_over_the_run():
     assert recommend(bonded).dt and "with bonds" in recommend(bonded, duration=10.0).notes[-1]
 
 
+def test_species_have_the_steps_of_their_fluid_up_to_their_exchange():
+    """TDPD's exponent is that of the drag, twice that of the noise; kappa dt is 2.5 at most, 4.5 for 2 %, 0.8 with rates; with many
+    neighbours in range the sum of their weights (1 - r/2)^2 counts, beyond 3.2 of them."""
+
+    def steps(error=0.01, **more):
+        pairs = {("W", "W"): dpd.TDPD(A=25, gamma=20, exponent=1.4, **more)}
+        inside = dpd.Concentrations(np.ones((81, np.size(more["kappa"]))))
+        return {c.scheme: (c.dt, c.limit) for c in recommend(scene(pairs=pairs, internal=inside), error).choices}
+
+    plain = recommend(scene(pairs={("W", "W"): dpd.DPD(A=25, gamma=20, exponent=0.7)})).choices
+    assert steps(kappa=1.0) == {c.scheme: (c.dt, c.limit) for c in plain if c.scheme != "native"}
+    fast = steps(kappa=[1.0, 1000.0])
+    assert set(fast.values()) == {(2.5 / 1000, "exchange"), (0.8 / 1000, "exchange")} and fast["mvv"][0] == 0.8 / 1000
+    assert steps(0.02, kappa=200.0)["bab3"][0] == 4.5 / 200
+    many = 8 * np.pi * 3 * 2**3 / 60 / 3.2
+    assert steps(kappa=200.0, cutoff_c=2.0)["bab3"][0] == pytest.approx(2.5 / 200 / many)
+
+
 def test_heat_of_edpd_needs_a_large_capacity():
     """Otherwise its repulsion heats it at any step; LAMMPS's heat has no sweeps."""
     for capacity, more, known in ((1e4, {}, True), (100.0, {}, False), (1e4, {"compat": "lammps"}, False)):
