@@ -144,7 +144,16 @@ def write(rows: list[dict]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("fluid", type=float, nargs="*", help="A and density")
-    for name, default in {"gamma": 4.5, "time": 1000.0, "dt": 0.03, "rate": 0.2, "seed": 1, "chains": None, "unlike": None, "tau": None}.items():
+    for name, default in {
+        "gamma": 4.5,
+        "time": 1000.0,
+        "dt": 0.03,
+        "rate": 0.2,
+        "seed": 1,
+        "chains": None,
+        "unlike": None,
+        "tau": None,
+    }.items():
         parser.add_argument(f"--{name}", type=int if name == "seed" else float, default=default)
     parser.add_argument("--write", action="store_true")
     given, rows = parser.parse_args(), json.loads(ROWS.read_text()) if ROWS.exists() else []

@@ -147,7 +147,7 @@ def recommend(
     temperatures are those of the least friction that was measured.  Many-body liquids with the quadratic kernel have their own table
     (:func:`openmm_dpd.advice.scene_groups.many_body_groups`).  Bonds, angles and dihedrals limit the step by the errors of their
     vibrations under each scheme (:mod:`openmm_dpd.advice.bonded_modes`), charges by that of two opposite charges at the same point; the
-    drift of energy was measured without them.  There is no recommendation with walls, impropers, segmental repulsion,
+    table of the drift of energy is without them.  There is no recommendation with walls, impropers, segmental repulsion,
     mixtures of many-body beads, other potentials between beads or attraction, or if the beads of a dihedral may become
     collinear; ``notes`` have the reason.  Species act on no force: beads have the steps of the fluid without them, as far as concentrations
     decay right.  The steps of ``native`` were measured on the CPU platform; on GPU platforms OpenMM's
@@ -183,8 +183,12 @@ def recommend(
         outside.append(f"{quantity} was not measured in many-body liquids: {why}")
     drift = shipped_table("drift") if pairs and conserves(scene, pairs) else None
     duration = duration if drift is not None else None
-    if duration is not None and (scene.bonded or charge_frequency(scene)):
-        outside.append("the drift of the energy was not measured with bonds or charges (benchmarks/conservation.py measures it)")
+    bound_or_charged = drift is not None and bool(scene.bonded or charge_frequency(scene))
+    alone = (
+        "the total energy grows; how fast was tabulated without bonds and charges only (benchmarks/conservation.py --bonded measures some)"
+    )
+    if duration is not None and bound_or_charged:
+        outside.append(alone)
     if not pairs or outside or unbound:
         return Recommendation(None, None, None, error, quantity, notes=(*notes, *outside, *([unbound] if unbound else [])))
     able = [scheme for scheme in (motion.schemes if motion else table.schemes) if scheme in table.schemes and _runs(scene, scheme)]
@@ -202,7 +206,9 @@ def recommend(
     best = choices[0]
     if quantity == "temperature" and not is_many_body(scene):
         notes += _motion_notes(best, pairs)
-    if drift is not None and duration is None and best.scheme in drift.schemes:
+    if bound_or_charged:
+        notes.append(alone)
+    elif drift is not None and duration is None and best.scheme in drift.schemes:
         off = max(drift.error(best.scheme, at, best.dt / at.unit_time, "drift") / at.unit_time for at in pairs) / heat
         size = f"{100 * off:.1g} %" if np.isfinite(off) else f"more than {10 / heat / pairs[0].unit_time:.1g} %"
         notes.append(f"the total energy grows by some {size} per {unit_name('time') or 'unit of time'}; duration= bounds that over a run")

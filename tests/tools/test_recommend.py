@@ -335,7 +335,8 @@ def test_energy_is_kept_over_the_run():
     assert 0.03 < next(c.dt for c in recommend(conserving, duration=1e3 * unit.picosecond).choices if c.scheme == "bababo") < 0.045
     assert recommend(scene(), duration=1e9) == recommend(scene())
     bonded = scene(gamma=0.0, bonds=[dpd.HarmonicBonds([[0, 1]], 10.0, 0.5)])
-    assert recommend(bonded).dt and "with bonds" in recommend(bonded, duration=10.0).notes[-1]
+    assert recommend(bonded).dt and "without bonds" in recommend(bonded, duration=10.0).notes[-1]
+    assert "without bonds" in recommend(bonded).notes[-1] and "% per" not in recommend(bonded).notes[-1]
 
 
 def test_species_have_the_steps_of_their_fluid_up_to_their_exchange():
