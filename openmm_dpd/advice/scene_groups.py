@@ -10,7 +10,6 @@ import numpy as np
 from ..model.internal import InternalEnergy
 from ..model.pairs import NONE
 from ..model.scene import Scene
-from ..model.tdpd import TDPD
 from ..plan.kinds import kind_for
 from .stability_table import Groups, StabilityTable, drag, shipped_table
 
@@ -155,11 +154,9 @@ def fastest_exchange(scene: Scene) -> float:
     """Largest rate at which two beads exchange a species, 1/ps, or a bead with all its neighbours, over 3.2; 0 without any."""
     if scene.box is None:
         return 0.0
-    density, rates = scene.n_beads / float(np.prod(np.diag(scene.box))), [0.0]
-    for pair in (value for table in scene.tables for value in table.resolve(scene.type_names).values() if isinstance(value, TDPD)):
-        sphere = 8 * math.pi / 3.2 * density * (pair.cutoff_c or pair.cutoff) ** 3  # of the weights (1 - r/cutoff_c)^p of its neighbours
-        rates += [kappa * max(1.0, sphere / ((p + 1) * (p + 2) * (p + 3))) for kappa, p in zip(pair.kappa, pair.exponent_c, strict=True)]
-    return max(rates)
+    density = scene.n_beads / float(np.prod(np.diag(scene.box)))
+    pairs = (value for table in scene.tables if table.kind is not None for value in table.resolve(scene.type_names).values())
+    return max((kind_for(type(pair)).exchange(pair, density) for pair in pairs if pair is not NONE), default=0.0)
 
 
 def conserves(scene: Scene, pairs: list[Groups]) -> bool:

@@ -167,6 +167,11 @@ def _species_on_device(table: SpeciesTable) -> dict[str, np.ndarray]:
     return _plain(table, 0.5 * table.exponent) | {"carries": np.array(2), "carrying": rows, "cutoffCarried": table.cutoff_c}
 
 
+def _exchange(c: TDPD, density: float) -> float:
+    around = 8 * np.pi / 3.2 * density * (c.cutoff_c or c.cutoff) ** 3  # of the weights (1 - r/cutoff_c)^p of all neighbours
+    return max(kappa * max(1.0, around / ((p + 1) * (p + 2) * (p + 3))) for kappa, p in zip(c.kappa, c.exponent_c, strict=True))
+
+
 def _concentrations(scene: Scene) -> FieldSpec:
     internal = scene.internal
     assert isinstance(internal, Concentrations)
@@ -182,6 +187,7 @@ register(
         fields=_concentrations,
         device=_species_on_device,
         frictions=lambda c, _: [(c.gamma, 0.5 * c.exponent)],
+        exchange=_exchange,
         field_text="concentrations, three species in each variable",
     )
 )

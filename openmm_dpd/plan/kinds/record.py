@@ -72,6 +72,8 @@ class Kind:
     # (of a coefficient and kT) friction coefficients (Da/ps) with the exponents of their noise, of a soft repulsion A (1 - r/cutoff): what
     # the table of steps is about
     frictions: Callable[[Any, float], list[tuple[float, float]]] | None = None
+    #: (of a coefficient and the density of beads) rate at which two beads exchange a species, 1/ps, or a bead with all others, over 3.2
+    exchange: Callable[[Any, float], float] = lambda *_: 0.0
     #: (of its kernel table) attributes of the plugin's Force, see :mod:`openmm_dpd.plan.forces.device_force`; None: not on the device
     device: Callable[[Any], dict[str, np.ndarray]] | None = None
     unlike_lammps: str | None = None  #: Differences from LAMMPS unless a scene has ``compat="lammps"``
