@@ -155,8 +155,8 @@ def fastest_exchange(scene: Scene) -> float:
     if scene.box is None:
         return 0.0
     density = scene.n_beads / float(np.prod(np.diag(scene.box)))
-    pairs = (value for table in scene.tables if table.kind is not None for value in table.resolve(scene.type_names).values())
-    return max((kind_for(type(pair)).exchange(pair, density) for pair in pairs if pair is not NONE), default=0.0)
+    terms = _terms(scene, ~scene.immobile).values()
+    return max((kind_for(type(term)).exchange(term, density) for layers in terms for term in layers), default=0.0)
 
 
 def conserves(scene: Scene, pairs: list[Groups]) -> bool:
