@@ -4,7 +4,7 @@
     python benchmarks/reference_suite.py measure          # reference values: three hours on two cores
     python benchmarks/reference_suite.py measure --runs 1 # an eighth of that, to see that it works
     python benchmarks/reference_suite.py score            # what our schemes, LAMMPS's and those of the literature cost: two hours
-    python benchmarks/reference_suite.py write            # from the runs that there are: suite.json and docs/suite.md
+    python benchmarks/reference_suite.py write            # from the runs that there are, and the file: suite.json and docs/suite.md
 
 Every scene is a LAMMPS deck with a data file.  LAMMPS runs the deck as it is, this package builds the scene that the deck describes, and
 both give frames of which :mod:`openmm_dpd.score.quantities` takes the same numbers.
