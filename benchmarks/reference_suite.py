@@ -22,6 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -168,6 +169,15 @@ METHODS = {
     "Peters": "B/2 A B/2 O",
     **{name: name for name in ("Lowe-Andersen", "pairwise Nose-Hoover-Langevin", "pairwise adaptive Langevin", "PRK3-Ruth")},
 }
+#: Those whose thermostat is no friction of the fluid: beads diffuse otherwise at any step, and are not judged by it.
+OTHER_MOTION = ("Lowe-Andersen", "pairwise Nose-Hoover-Langevin")
+
+
+def without_motion(its: SuiteScene) -> SuiteScene:
+    """A scene that is judged without its diffusion."""
+    kept = [k for k, name in enumerate(its.quantities) if not name.startswith("D")]
+    names, covariance = tuple(its.quantities[k] for k in kept), its.covariance[np.ix_(kept, kept)]
+    return replace(its, quantities=names, reference=its.reference[kept], scale=its.scale[kept], covariance=covariance)
 
 
 def score_job(name: str, method: str) -> dict:
@@ -179,6 +189,7 @@ def scored(job: dict) -> dict:
     """Steps longer and longer, and the time of a step relative to that of ``mvv``."""
     dpd.set_threads(1)
     its, method, begun = load_suite()[job["scene"]], job["method"], time.perf_counter()
+    its = without_motion(its) if method in OTHER_MOTION else its
     word, lam = METHODS[method].removesuffix(", lambda 0.65"), 0.65 if "lambda" in method else 0.5
 
     def run(dt: float) -> Judged:
