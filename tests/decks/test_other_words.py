@@ -74,7 +74,11 @@ compute x all reduce sum v_x
 thermo_style custom step v_v[2] v_w[3] v_i v_e v_c v_s c_x
 """
 AFTER = 'variable i internal -1\nprint "${v} ${i} $(v_v[3]-v_i) $(v_t>0)" append said.txt\n'
+CHANGED = 'change_box all x final -1 3.5 y final 0 4.5 units box\nprint "$(lx) $(vol)" append said.txt\n' + (
+    "write_dump all custom changed.txt id x ix xu modify sort id format float %.12g\n"
+)
 DECKS = {
+    "changed box": (SYSTEM + RUN + CHANGED + RUN, {}),
     "vectors": (SYSTEM + VECTORS + RUN + AFTER + RUN, {}),
     **{name: (SYSTEM + new + "\n" + FRAMES + RUN, {new: old}) for name, (old, new) in OLD.items()},
     "clear": (SWEEP, {}),
