@@ -192,6 +192,8 @@ DECKS["overlap beside exclusions"] = (
 )
 FORMING = MOLECULES + "special_bonds lj/coul 1 1 1\ncreate_atoms 3 random 300 9 NULL overlap 0.3 units box\n"
 DECKS |= {
+    "groups of all that join": FORMING
+    + "group p type 3 4\ngroup q union p all\nfix g p bond/create 2 3 3 0.8 2 iparam 2 4 jparam 2 4\nfix t q bond/break 3 2 0.65\n",
     # on chains that are there, with an angle at either end of a bond
     "bonds with angles beside others": FORMING + "fix g all bond/create 2 1 3 0.8 1 iparam 4 1 jparam 2 3 atype 1 dtype 1\n"
     "fix h all bond/create 5 2 3 0.7 2 iparam 3 2 jparam 1 3 atype 1 dtype 1\n",
@@ -379,6 +381,8 @@ def test_both_programs_run_alike(trial, name):
             "beads with two bonds at the start of a run may get a third: LAMMPS",
         ),
         ("variable f atom 2*(type==4)\nfix w all addforce v_f 0 0", "friction and forces that depend on types are not supported"),
+        ("group p id 1:3\nfix h p bond/create 2 4 4 0.8 1 iparam 1 4 jparam 1 4", "its group must hold all beads of the types that"),
+        ("group p id 1:3\nfix t p bond/break 2 2 0.5", "its group must hold all beads of the types that"),
         ("compute c all chunk/atom type ids once", "chunks of types that are found once are not supported"),
     ],
 )

@@ -117,6 +117,15 @@ def _third(state: DeckState, fix: Fix) -> bool:
     return bool((react & (bonds > 1) & (made < np.where(types == one, *fix.parameters["most"]))).any())
 
 
+def _whole(state: DeckState, fix: Fix) -> bool:
+    """Whether the group of a fix leaves out no bead that it could act on, also after beads have changed their types."""
+    joined = np.isin(state.atoms.types, [kind for its in state.fixes_of(*FORMING) for kind in its.parameters["types"]])
+    if fix.style == "bond/break":
+        bonds = at_start(state, "bond")
+        joined |= np.isin(state.atoms.ids, bonds[bonds[:, 0] == fix.parameters["bond"], 1:])
+    return not (joined & ~state.group(fix.group)).any()
+
+
 def _by_types(state: DeckState) -> bool:
     scales = [fix.parameters[key] for fix in state.fixes.values() for key in ("gammas", "ratios") if key in fix.parameters]
     forces = [word for fix in state.fixes.values() for word in fix.parameters.get("force", ())]
@@ -130,7 +139,7 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
     for fix in fixes:
         given, kind, maker = fix.parameters, fix.parameters["bond"], _maker(state, fix)
         reasons = {
-            "its group must be all": fix.group != "all",
+            "its group must hold all beads of the types that fix bond/create joins, and of bonds that break": not _whole(state, fix),
             "a factor 0 of special_bonds lj needs one of coul: only then does LAMMPS leave such beads alone": any(
                 f == 0 and q != 0 for f, q in zip(state.special, state.special_charges, strict=True)
             ),
