@@ -77,8 +77,25 @@ AFTER = 'variable i internal -1\nprint "${v} ${i} $(v_v[3]-v_i) $(v_t>0)" append
 CHANGED = 'change_box all x final -1 3.5 y final 0 4.5 units box\nprint "$(lx) $(vol)" append said.txt\n' + (
     "write_dump all custom changed.txt id x ix xu modify sort id format float %.12g\n"
 )
+LISTED = """print "3 # of a set" append tags.txt
+print "1 2.5" append tags.txt
+print "3 -1" append tags.txt
+print "4 1e-1" append tags.txt
+print "1" append tags.txt
+print "1 7" append tags.txt
+variable f atomfile tags.txt
+variable h atom v_f>0
+variable y atom v_f*x-v_f
+group h variable h
+group k variable f
+compute y h reduce sum v_y v_f
+thermo_style custom step c_y[1] c_y[2]
+print "$(count(h)) $(count(k))" append said.txt
+write_dump all custom listed.txt id v_f modify sort id
+"""
 DECKS = {
     "changed box": (SYSTEM + RUN + CHANGED + RUN, {}),
+    "atomfile": (SYSTEM + LISTED + RUN, {}),
     "vectors": (SYSTEM + VECTORS + RUN + AFTER + RUN, {}),
     **{name: (SYSTEM + new + "\n" + FRAMES + RUN, {new: old}) for name, (old, new) in OLD.items()},
     "clear": (SWEEP, {}),
@@ -115,6 +132,15 @@ REFUSED = {
     "group of communicate": ("communicate single group g\n", "comm_modify group must be all"),
     "label": ("labelmap atom 1 1a\n", "the label of atom type 1 must not begin with a digit"),
     "label twice": ("labelmap atom 1 a 2 a\n", "the label a already belongs to atom type 1"),
+    "short atomfile": (
+        'print "2" append t.txt\nprint "1 2" append t.txt\nvariable f atomfile t.txt\n',
+        "t.txt: expected 2 lines of an id and a value, but found 1",
+    ),
+    "next of an atomfile": ('print "0" append t.txt\nvariable f atomfile t.txt\nnext f\n', "variable f is atomfile-style; only"),
+    "atomfile as a number": (
+        'print "0" append t.txt\nvariable f atomfile t.txt\nprint "${f}"\n',
+        "f is atomfile-style: it has a value for every",
+    ),
     "no label": ("labelmap atom 1 W\nlabelmap clear\nmass W 1\n", "expected atom type as a number or a range such as .*, not 'W'"),
     "a whole vector": ("variable v vector [1,2]\nthermo_style custom v_v\n", "variable v is vector-style; only equal-style"),
     "a vector in a formula": (

@@ -54,10 +54,10 @@ def _move(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], s
 def values_of_variable(state: DeckState, word: str, command: str) -> np.ndarray:
     """(N,) values of an equal- or atom-style variable (``v_name``) in a command."""
     style = state.variables.get(word[2:]).style
-    if style not in ("equal", "atom"):
+    if style not in ("equal", "atom", "atomfile"):
         raise ParameterError(f"{command}: variable {word[2:]} is {style}-style; expected an equal- or atom-style variable")
     moment = present(state)
-    return np.broadcast_to(moment.bead_values(word) if style == "atom" else moment.variable_alone(word[2:]), (len(state.atoms),))
+    return np.broadcast_to(moment.bead_values(word) if style != "equal" else moment.variable_alone(word[2:]), (len(state.atoms),))
 
 
 def _ramp(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], scale: np.ndarray) -> np.ndarray:

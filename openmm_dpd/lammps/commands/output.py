@@ -375,8 +375,9 @@ def write_data(state: DeckState, args: list[str]) -> None:
 # -- variables and text -----------------------------------------------------------------------------------------------------
 @command("variable", 0, None)
 def variable(state: DeckState, args: list[str]) -> None:
-    """``variable name equal|string|index|loop|delete value``."""
+    """``variable name equal|string|index|loop|delete|... value``."""
     assert state.here is not None
+    args = [*args[:2], *map(str, map(state.find_file, args[2:]))] if args[1:2] == ["atomfile"] else args
     state.variables.define(args, state.here, lambda text: expand(state, text))
 
 

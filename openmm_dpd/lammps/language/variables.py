@@ -3,8 +3,9 @@
 import os
 import re
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -12,9 +13,9 @@ import numpy as np
 from ...base.errors import ParameterError
 from . import arguments as read
 from .arguments import as_float, identifier, integer, known
-from .lexer import Line, errors_at
+from .lexer import Line, TextFile, errors_at
 
-STYLES = ("equal", "atom", "vector", "string", "index", "loop", "format", "getenv", "internal", "timer", "delete")
+STYLES = ("equal", "atom", "atomfile", "vector", "string", "index", "loop", "format", "getenv", "internal", "timer", "delete")
 #: Styles with a single number, that output may have.
 NUMBERS = ("equal", "internal", "timer")
 #: Styles whose text is a formula.
@@ -40,6 +41,7 @@ class Variable:
     at: int = 0
     width: int = 0
     form: str = ""
+    table: Mapping[int, float] = field(default_factory=dict)  #: Of style atomfile: values by ids of beads; others have 0
 
     @property
     def text(self) -> str:
@@ -84,6 +86,9 @@ class Variables:
             if old is None:
                 self._found[name] = _loop(name, values, where) if style == "loop" else Variable(style, "", where, tuple(values))
             return
+        if style == "atomfile":
+            self._found[name] = old or Variable(style, values[0], where, table=_of_beads(Path(values[0])))
+            return
         if old is not None and old.style != style:
             raise ParameterError(
                 f"variable {name} is already {old.style}-style and cannot become {style}-style"
@@ -124,8 +129,9 @@ class Variables:
         variable = self.get(name)
         if variable.style == "vector":
             raise ParameterError(f"variable {name} is vector-style: use v_{name}[i], or a function such as sum(v_{name})")
-        if variable.style == "atom":
-            raise ParameterError(f"variable {name} is atom-style: it has a value for every bead; use compute reduce or fix ave/chunk")
+        if variable.style.startswith("atom"):
+            what = "it has a value for every bead; use compute reduce or fix ave/chunk"
+            raise ParameterError(f"variable {name} is {variable.style}-style: {what}")
         if variable.style != "equal":
             text = self.text(name, evaluate)
             try:
@@ -160,7 +166,18 @@ class Variables:
         variable = self.get(name)
         if variable.style == "format":
             return variable.form.replace("l", "") % self._evaluated(name, variable, lambda shown: self.value(shown, evaluate))
-        return f"{self.value(name, evaluate):.15g}" if variable.style in FORMULAS else variable.text
+        return f"{self.value(name, evaluate):.15g}" if variable.style in (*FORMULAS, "atomfile") else variable.text
+
+
+def _of_beads(path: Path) -> dict[int, float]:
+    """The first set of values in a file of style ``atomfile``: a line with their number, and lines of an id and a value."""
+    file = TextFile.read(path)
+    first, *rows = list(file.rows()) or [(1, [])]
+    count = int(file.numbers(first, first[1], 1, "the number of values", "the number of values")[0])
+    if len(rows) < count:
+        raise file.error(f"expected {count} lines of an id and a value, but found {len(rows)}")
+    found = [(row, file.numbers(row, row[1], 2, "an id and a value", "a value")) for row in rows[:count]]
+    return {file.integers(row, row[1][:1], "an id and a value")[0]: value for row, (_, value) in found}
 
 
 def _loop(name: str, words: list[str], where: Line) -> Variable:

@@ -174,7 +174,7 @@ def check_bead_word(
     """Raise ParameterError unless a word names a per-bead value, or with ``local`` one of bonds, angles, dihedrals or impropers."""
     if word.startswith("v_"):
         style = state.variables.get(word[2:]).style
-        if style != "atom":
+        if not style.startswith("atom"):
             raise ParameterError(f"{word}: variable {word[2:]} is {style}-style; only atom-style ones have values of single beads")
         return
     if word.startswith("f_") and not local:
@@ -202,7 +202,7 @@ def check_bead_word(
 def is_of_beads(state: DeckState, word: str) -> bool:
     """Whether a word names values of single beads."""
     if word.startswith("v_"):
-        return state.variables.get(word[2:]).style == "atom"
+        return state.variables.get(word[2:]).style.startswith("atom")
     if word.startswith("f_"):
         fix = state.fixes.get(reference(word).name)
         return fix is not None and hasattr(fix.parameters.get("reader"), "of_beads")

@@ -170,7 +170,10 @@ class Resolver(DeckMoment):
 
     def bead_variable(self, name: str) -> np.ndarray | float:
         """Value of ``v_name``: a number, or (N,) values if it is an atom-style variable."""
-        if self.state.variables.get(name).style != "atom":
+        variable = self.state.variables.get(name)
+        if variable.style == "atomfile":
+            return np.array([variable.table.get(number, 0.0) for number in self.state.atoms.ids])
+        if variable.style != "atom":
             return self.variable(name)
         return self.state.variables.values(name, "atom", lambda text: evaluate_beads(text, self, len(self.state.atoms)))
 
