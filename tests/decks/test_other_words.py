@@ -77,6 +77,9 @@ AFTER = 'variable i internal -1\nprint "${v} ${i} $(v_v[3]-v_i) $(v_t>0)" append
 CHANGED = 'change_box all x final -1 3.5 y final 0 4.5 units box\nprint "$(lx) $(vol)" append said.txt\n' + (
     "write_dump all custom changed.txt id x ix xu modify sort id format float %.12g\n"
 )
+COPIED = (
+    'replicate 1 2 1\nprint "$(ly) $(vol)" append said.txt\nwrite_dump all custom copied.txt id y iy modify sort id format float %.12g\n'
+)
 LISTED = """print "3 # of a set" append tags.txt
 print "1 2.5" append tags.txt
 print "3 -1" append tags.txt
@@ -95,6 +98,7 @@ write_dump all custom listed.txt id v_f modify sort id
 """
 DECKS = {
     "changed box": (SYSTEM + RUN + CHANGED + RUN, {}),
+    "copied box": (SYSTEM + RUN + COPIED + RUN, {}),
     "atomfile": (SYSTEM + LISTED + RUN, {}),
     "vectors": (SYSTEM + VECTORS + RUN + AFTER + RUN, {}),
     **{name: (SYSTEM + new + "\n" + FRAMES + RUN, {new: old}) for name, (old, new) in OLD.items()},

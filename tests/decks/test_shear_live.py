@@ -11,7 +11,7 @@ from fuzz.workers import Worker
 from judged import any_seed
 
 from openmm_dpd.base.errors import DeckError, ParameterError
-from openmm_dpd.lammps import deck_forces, deck_scene, export_deck
+from openmm_dpd.lammps import RunOptions, deck_forces, deck_scene, export_deck, run_deck
 from openmm_dpd.stats import block_average
 
 RATE, DT, HEIGHT = 1.2, 0.01, 4.0
@@ -229,3 +229,17 @@ def test_a_box_that_cannot_be_tilted_is_refused(tmp_path):
         "region b block 0 4 0 4 0 4\ncreate_box 1 b\nfix 2 all deform 1 xy erate 1 remap v\n", encoding="utf-8"
     )
     raises(DeckError, "in.deck:3: fix deform xy needs a triclinic box: change_box all triclinic", lambda: deck_scene(tmp_path / "in.deck"))
+
+
+def test_image_flags_after_a_run_are_those_of_its_last_frame(tmp_path):
+    """The tilt of the box turns at step 42; flags must not turn once more when they are read between runs."""
+    text = (
+        DECK.format(tilt=0.0, beads=beads(1), gamma=4.5, rate=RATE, titles="step xy") + "set atom 3 image 1 -2 0\nset atom 5 image 0 1 0\n"
+    )
+    columns = text[text.index("id y z") : text.index("dump_modify d")].strip()
+    text += f"run 70\nwrite_dump all custom after.txt {columns} modify sort id format float %.15g\n"
+    (tmp_path / "in.deck").write_text(text, encoding="utf-8")
+    run_deck(tmp_path / "in.deck", RunOptions(platform="Reference"), out=tmp_path / "out")
+    last, after = (np.loadtxt((tmp_path / "out" / f"{name}.txt").read_text().splitlines()[-90:]) for name in ("dump", "after"))
+    assert len(np.unique(after[:, 6])) > 2
+    np.testing.assert_allclose(after, last, rtol=0, atol=1e-9)

@@ -89,8 +89,6 @@ def set_box(state: DeckState, box: Box) -> None:
         state.timestep *= state.units.time / before.time
         state.note(f"units {before.name}: the box is over 1 mm, so these are reduced numbers; OpenMM takes them as nm, Da and ps")
     state.box = box
-    if state.last_sample is not None:  # formulas and output before the next run have the box that there is now
-        state.last_sample = replace(state.last_sample, box=None)
 
 
 @command("create_atoms type style ...", 2, None, box=True)

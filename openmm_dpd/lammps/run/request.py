@@ -144,4 +144,5 @@ class RunRequest:
         self.state.write_back(positions, velocities, box, fields, slide)
         self.state.step = self.last_step
         if sample is not None:
-            self.state.last_sample = replace(sample, positions=None, velocities=None, fields=None)
+            # without the box, which is the deck's from now on, and may change before the next run
+            self.state.last_sample = replace(sample, positions=None, velocities=None, fields=None, box=None)

@@ -63,7 +63,7 @@ class DeckMoment(ABC):
     @cached_property
     def images(self) -> np.ndarray:
         """(N, 3) image flags of :attr:`positions`."""
-        if self.state.box_at(self.step, self.window) is not None:
+        if not self.measured or self.state.box_at(self.step, self.window) is not None:
             return self.state.atoms.images
         return self.box.turned(
             self.state.atoms.images, self.state.require_box("image flags"), self.slide.axes, self.slide.distance / self.units.length
