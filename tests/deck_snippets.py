@@ -127,6 +127,7 @@ FILES = {  # Files beside the decks.
     "data.chain": chains("three chains", "angle", 3, 3, lambda m, k: f"{0.4 + 0.5 * k} {0.7 + 0.8 * m} {0.5 + m}"),
     "eos.table": "# U(T)\n\nSOFT\nN 3\n\n1 0.1 5.0\n2 2.0 100.0\n3 5.0 400.0\n",
     "dimer.txt": "two beads\n\n2 atoms\n1 bonds\n\nCoords\n\n1 0 0 0\n2 0.4 0 0\n\nTypes\n\n1 1\n2 1\n\nBonds\n\n1 1 1 2\n",
+    "beads.txt": "2\n1 3.5\n4 -1\n",
     "more.in": "variable included equal 2*temp\n",
 }
 
@@ -331,6 +332,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
     "variable": {
         "equal": deck(before='variable v equal "random(0,1,77) + temp"\nthermo_style custom step v_v', between="print $(v_v)"),
         "atom": deck(before="variable v atom x*vx\ncompute c all reduce sum v_v\n" + averaged("c_c")),
+        "atomfile": deck(before="variable v atomfile beads.txt\ncompute c all reduce sum v_v\n" + averaged("c_c")),
         "vector": deck(before="variable v vector [1,2]\nvariable w vector v_v*2\nthermo_style custom step v_v[2]", between="print ${w}"),
         "internal": deck(before="variable v internal 2", between="print ${v}"),
         "timer": deck(before="variable v timer", between="print $(v_v>0)"),
