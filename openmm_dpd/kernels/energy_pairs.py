@@ -29,7 +29,7 @@ from .templates import renamed
 A, CUTOFF, SIGMA, KAPPA = range(4)
 #: Streams of the pair's random numbers.
 MOTION, HEAT, MOTION_TEST, HEAT_TEST = range(4)
-#: Rows of scratch.  Of all forms: noise, sums of both masses, f sigma^2 w^2, kappa w^2, factors and coefficients; then of each one.
+#: Rows of scratch.  Of all forms: noise, 1/m of both beads and their sum, f sigma^2 w^2, kappa w^2, factors, coefficients; then of each.
 _XI, _XI_T, _MI, _MJ, _IM, _STRENGTH, _FLUX, _FACTOR, _A, _CUTOFF, _SIGMA, _KAPPA, *_BESIDE = rows(32)
 _HERE, _THERE, _PUSH, _ENERGY, _DRAG, _KICK, _LOSS = _BESIDE[:7]
 _CI, _CJ, _SUM, _OTHER, _TEST, _TEST_T, _DRIFT, _ALIKE, _EV, _UI, _UJ, _WI, _WJ, _GAIN, _FLOW = _BESIDE[:15]

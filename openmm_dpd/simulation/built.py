@@ -302,6 +302,9 @@ class BuiltSystem:
         integrator = context.getIntegrator()
         if not isinstance(integrator, Watching):
             raise PlanError("the Context has an integrator of another package, which does not notice that forces change")
+        here, there = (() if each.made is None else each.made.own for each in (self.integrator, integrator))
+        if lost := sorted({name for name, _ in set(there) - set(here)}):
+            raise PlanError(f"this build has no {lost[0]}, and the Context has: only repulsion and friction can change in it")
         integrator.changed(context)
         update_force(self.system, context)
 

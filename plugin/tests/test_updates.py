@@ -82,6 +82,12 @@ def test_whatever_else_differs_is_refused_and_nothing_changes(name):
     assert same_bits(state_of(refused.context), state_of(same.context))
 
 
+def test_a_force_of_the_context_that_is_missing_is_refused():
+    bonded = run_on(chains(BOX, n=60, k=20.0), REFERENCE)
+    with pytest.raises(PlanError, match="this build has no harmonic bonds"):
+        made_on(fluid({("*", "*"): D(A=25, gamma=4.5)}, BOX, n=60), REFERENCE).update_in_context(bonded.context)
+
+
 def test_the_hosts_kernel_says_what_to_do_instead():
     plain = fluid({("*", "*"): D(A=25, gamma=4.5)}, BOX, n=60)
     ours, theirs = (dpd.build(plain, dt=0.02, platform="Reference", engine="host") for _ in range(2))
