@@ -53,11 +53,11 @@ def _move(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], s
 
 def values_of_variable(state: DeckState, word: str, command: str) -> np.ndarray:
     """(N,) values of an equal- or atom-style variable (``v_name``) in a command."""
-    variable = state.variables.get(word[2:])
-    if variable.style != "equal" and not variable.of_beads:
-        raise ParameterError(f"{command}: variable {word[2:]} is {variable.style}-style; expected an equal- or atom-style variable")
+    style = state.variables.get(word[2:]).style
+    if style not in ("equal", "atom", "atomfile"):
+        raise ParameterError(f"{command}: variable {word[2:]} is {style}-style; expected an equal- or atom-style variable")
     moment = present(state)
-    return np.broadcast_to(moment.bead_values(word) if variable.of_beads else moment.variable_alone(word[2:]), (len(state.atoms),))
+    return np.broadcast_to(moment.bead_values(word) if style != "equal" else moment.variable_alone(word[2:]), (len(state.atoms),))
 
 
 def _ramp(state: DeckState, mask: np.ndarray, x: np.ndarray, words: list[str], scale: np.ndarray) -> np.ndarray:

@@ -44,11 +44,6 @@ class Variable:
     table: Mapping[int, float] = field(default_factory=dict)  #: Of style atomfile: values by ids of beads; others have 0
 
     @property
-    def of_beads(self) -> bool:
-        """Whether it has a value for every bead."""
-        return self.style in ("atom", "atomfile")
-
-    @property
     def text(self) -> str:
         """Its formula if it is equal- or atom-style, otherwise its current value."""
         if self.style in SERIES:
@@ -134,7 +129,7 @@ class Variables:
         variable = self.get(name)
         if variable.style == "vector":
             raise ParameterError(f"variable {name} is vector-style: use v_{name}[i], or a function such as sum(v_{name})")
-        if variable.of_beads:
+        if variable.style.startswith("atom"):
             what = "it has a value for every bead; use compute reduce or fix ave/chunk"
             raise ParameterError(f"variable {name} is {variable.style}-style: {what}")
         if variable.style != "equal":

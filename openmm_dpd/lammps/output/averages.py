@@ -268,7 +268,7 @@ class DynamicGroup:
         state.group(self.parent)
         if self.region:
             state.region(self.region)
-        if self.variable and not state.variables.get(self.variable).of_beads:
+        if self.variable and not state.variables.get(self.variable).style.startswith("atom"):
             raise ParameterError(f"group {name} dynamic: variable {self.variable} must be atom-style")
 
     def begin(self, state: DeckState, step: int) -> None:

@@ -173,9 +173,9 @@ def check_bead_word(
 ) -> None:
     """Raise ParameterError unless a word names a per-bead value, or with ``local`` one of bonds, angles, dihedrals or impropers."""
     if word.startswith("v_"):
-        variable = state.variables.get(word[2:])
-        if not variable.of_beads:
-            raise ParameterError(f"{word}: variable {word[2:]} is {variable.style}-style; only atom-style ones have values of single beads")
+        style = state.variables.get(word[2:]).style
+        if not style.startswith("atom"):
+            raise ParameterError(f"{word}: variable {word[2:]} is {style}-style; only atom-style ones have values of single beads")
         return
     if word.startswith("f_") and not local:
         _, name, indices = reference(word)
@@ -202,7 +202,7 @@ def check_bead_word(
 def is_of_beads(state: DeckState, word: str) -> bool:
     """Whether a word names values of single beads."""
     if word.startswith("v_"):
-        return state.variables.get(word[2:]).of_beads
+        return state.variables.get(word[2:]).style.startswith("atom")
     if word.startswith("f_"):
         fix = state.fixes.get(reference(word).name)
         return fix is not None and hasattr(fix.parameters.get("reader"), "of_beads")
