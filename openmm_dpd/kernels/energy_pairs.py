@@ -5,17 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined, merged
-from . import exchange
+from . import energy_updates, exchange
 from .chunks import look_at, look_up
 from .columns import Motion, approach, change, deliver_rates, gather_and_clear_rates, over_pairs, push_apart
-from .energy_updates import (
-    any_conduction,
-    any_motion,
-    conducted_by_constants,
-    conduction_of_constants,
-    motion_of_constants,
-    moved_constants,
-)
 from .eos import near_log_ratio
 from .forces import soft
 from .groups import EIGHT
@@ -222,15 +214,15 @@ def _pair_exchange(pairs, data, scratch, n, k, column):
     new, xi, drawn = ev, values[_XI + k], values[_TEST + k]
     if strength > 0.0:
         if _CONSTANTS:
-            new, gain = motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, data.dt, xi, drawn)
+            new, gain = energy_updates.motion_of_constants(ev, im, u[i], u[j], ci, cj, strength, data.dt, xi, drawn)
         else:
-            new, gain = any_motion(ev, im, u[i], u[j], strength, data.dt, xi, drawn, states, curves)
+            new, gain = energy_updates.any_motion(ev, im, u[i], u[j], strength, data.dt, xi, drawn, states, curves)
     if values[_FLUX + k] > 0.0:
         xi, drawn = values[_XI_T + k], values[_TEST_T + k]
         if _CONSTANTS:
-            flow = conduction_of_constants(u[i] + gain, u[j] + gain, _given(values, k), xi, drawn, ci, cj)
+            flow = energy_updates.conduction_of_constants(u[i] + gain, u[j] + gain, _given(values, k), xi, drawn, ci, cj)
         else:
-            flow = any_conduction(u[i] + gain, u[j] + gain, _given(values, k), xi, drawn, states, curves)
+            flow = energy_updates.any_conduction(u[i] + gain, u[j] + gain, _given(values, k), xi, drawn, states, curves)
     _give(pairs, data, n, i, j, (new - ev) * values[_MI + k] / im, (new - ev) * values[_MJ + k] / im, gain, flow)
     return 0.0, 0.0, 0.0
 
@@ -248,14 +240,14 @@ def _group_exchange(pairs, data, scratch, first, count, column):
         values[_EV + k], values[_UI + k], values[_UJ + k] = approach(pairs, data.v, k, i, j), u[i], u[j]
     for k in range(first, end):
         ev, ui, uj, c, im = values[_EV + k], values[_UI + k], values[_UJ + k], values[_ALIKE + k], values[_IM + k]
-        new, gain, inverse = moved_constants(ev, im, ui, uj, c, c, values[_STRENGTH + k], data.dt, values[_XI + k])
+        new, gain, inverse = energy_updates.moved_constants(ev, im, ui, uj, c, c, values[_STRENGTH + k], data.dt, values[_XI + k])
         ni, nj = ui + gain, uj + gain
         passed = values[_TEST + k] < 1.0 + (c * near_log_ratio(ni * nj, ui * uj) - 2.0 * gain * inverse)
         values[_UI + k], values[_UJ + k], values[_GAIN + k] = ni if passed & (ni > 0.0) else np.nan, nj, gain
         values[_WI + k], values[_WJ + k] = (new - ev) * values[_MI + k] / im, (new - ev) * values[_MJ + k] / im
     for k in range(first, end):
         ui, uj, c = values[_UI + k], values[_UJ + k], values[_ALIKE + k]
-        flow, exponent = conducted_by_constants(ui, uj, _given(values, k), values[_XI_T + k], c, c)
+        flow, exponent = energy_updates.conducted_by_constants(ui, uj, _given(values, k), values[_XI_T + k], c, c)
         ni, nj = ui + flow, uj - flow
         passed = values[_TEST_T + k] < 1.0 + (c * near_log_ratio(ni * nj, ui * uj) + exponent)
         values[_FLOW + k] = flow if passed & (ni > 0.0) else np.nan
