@@ -19,7 +19,7 @@ import numpy as np
 from numba import types
 
 from ..runtime import Kernel, Tape, by_types, helper, inlined, meet
-from .groups import grouped_column, seats_for
+from .groups import grouped_columns, seats_for
 from .listing import fetch_around, has_room, list_some, look_around
 from .pairs import CHUNK, PairList, Scratch
 from .templates import renamed
@@ -126,6 +126,9 @@ def _share(pairs, data, scratch, shares, source, part, parts, team):
     for turn in range(_ROUNDS * turns):
         first = shares.first[turn % turns]
         for mine in range(part, len(first) - 1, parts):
+            if _GROUPED:
+                _columns(pairs, data, space, source, columns[first[mine] : first[mine + 1]], part, turn // turns)
+                continue
             for n in range(first[mine], first[mine + 1]):
                 if _LISTS:
                     fetch_around(source, _written(data), columns[min(n + 1, len(columns) - 1)])
@@ -170,7 +173,7 @@ _columns: Any = None
 _written: Any = None
 _first: Any = None
 _last: Any = None
-_BEGINS = _ENDS = _LISTS = _TENSOR = _DRAGS = _PARTS = False
+_BEGINS = _ENDS = _LISTS = _GROUPED = _TENSOR = _DRAGS = _PARTS = False
 _ROUNDS = np.uint64(1)
 
 
@@ -207,8 +210,9 @@ def over_pairs(
         word = f"{name}{'_tensor' * tensor}{'_lists' * lists}"
         inside = {"_pair": pair, "_before": before, "_LISTS": lists, "_TENSOR": tensor, "_DRAGS": drags, "_PARTS": parts}
         inside["_ROUNDS"] = np.uint64(rounds)
-        column = inlined(renamed(grouped_column if grouped else _column, f"{word}_column", inside))
-        share = helper(renamed(_share, f"{word}_share", {"_columns": column, "_LISTS": lists, "_written": again, "_ROUNDS": rounds}))
+        column = inlined(renamed(grouped_columns if grouped else _column, f"{word}_column", inside))
+        of_shares = {"_columns": column, "_LISTS": lists, "_written": again, "_ROUNDS": rounds, "_GROUPED": grouped}
+        share = helper(renamed(_share, f"{word}_share", of_shares))
         return Kernel(renamed(_over_pairs, word, {"_share": share, "_LISTS": lists} | around))
 
     def call(pairs: PairList, data: NamedTuple, tensor: Any = False) -> Totals:

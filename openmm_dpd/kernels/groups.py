@@ -1,7 +1,8 @@
-"""Pairs eight at a time, none of which have a bead in common, for updates in which a pair needs what others have left in its beads.
+"""Pairs many at a time, none of which have a bead in common, for updates in which a pair needs what others have left in its beads.
 
 So a processor computes all of a group at once, divisions, roots and logarithms too.  Each pair is in a group after those of all pairs
-before it in the list that have a bead in common with it: results are those of one pair after the other.
+before it in the list that have a bead in common with it: results are those of one pair after the other.  Where two columns that follow
+each other touch no bead both, groups have pairs of either: eight pairs alone wait for their own results most of the time.
 """
 
 from typing import Any
@@ -10,64 +11,78 @@ import numpy as np
 
 from ..runtime import merged
 from .pairs import CHUNK, PairList, Pairs
+from .shares import apart
 from .vectors import lowest_bit
 
-#: So many pairs are in a group, at most.
-EIGHT = np.uint64(8)
-_GROUPS, _ONE, _CHUNK = np.uint64(CHUNK // 8), np.uint64(1), np.uint64(CHUNK)
+#: So many pairs a processor computes at once; so many are in a group, at most.
+EIGHT, _MOST = np.uint64(8), np.uint64(16)
+_GROUPS, _ONE, _CHUNK = np.uint64(CHUNK // 16), np.uint64(1), np.uint64(CHUNK)
 _ALL = (_ONE << _GROUPS) - _ONE
 
 
 def seats_for(pairs: PairList) -> tuple:
     """Seats in :data:`_GROUPS` groups for each thread, with pi, pj, geometry and factors as in :class:`.pairs.Pairs`; (threads, groups) how
-    many pairs these have; (M,) the first group that is free for a bead."""
+    many pairs these have; (M,) the first group that is free for a bead; how many columns there are along y and z."""
     each, threads = np.zeros((2, pairs.threads, CHUNK), np.uint32), pairs.threads
     factors, sizes = np.zeros((threads, CHUNK * (len(pairs.exceptions[0]) > 0))), np.zeros((threads, int(_GROUPS)), np.uint64)
-    return *each, np.zeros((threads, 4, CHUNK)), factors, sizes, np.zeros(len(pairs.order), np.uint64)
+    return *each, np.zeros((threads, 4, CHUNK)), factors, sizes, np.zeros(len(pairs.order), np.uint64), *pairs.across
 
 
 @merged
-def _seat(pairs, seats, sizes, after, begin, stop):
-    """Seat pairs from ``begin`` on, until one finds no seat; returns its number, and how many groups there are."""
+def _seat(pairs, seats, sizes, after, begin, stop, beside, end):
+    """Seat pairs from ``begin`` and from ``beside`` on, in turn, until one finds no seat; returns their numbers, and how many groups there
+    are."""
     sizes[:] = np.uint64(0)
-    n, free, groups = begin, _ALL, np.uint64(0)
-    while n < stop:
-        i, j = pairs.pi[n], pairs.pj[n]
+    n, other, free, groups = begin, beside, _ALL, np.uint64(0)
+    while n < stop or other < end:
+        late = end - other > stop - n
+        p = other if late else n
+        i, j = pairs.pi[p], pairs.pj[p]
         group = lowest_bit(free & (_ALL << max(after[i], after[j])))
         if group >= _GROUPS:
             break
-        k = group * EIGHT + sizes[group]
+        k = group * _MOST + sizes[group]
         sizes[group] += _ONE
-        free &= ~(sizes[group] // EIGHT << group)
+        free &= ~(sizes[group] // _MOST << group)
         after[i] = after[j] = group + _ONE
         groups = max(groups, group + _ONE)
         seats.pi[k], seats.pj[k] = i, j
         for row in range(4):
-            seats.geometry[row, k] = pairs.geometry[row, n]
+            seats.geometry[row, k] = pairs.geometry[row, p]
         if len(pairs.factors):
-            seats.factors[k] = pairs.factors[n]
-        n += _ONE
+            seats.factors[k] = pairs.factors[p]
+        n, other = (n, other + _ONE) if late else (n + _ONE, other)
     for k in range(begin, n):
         after[pairs.pi[k]] = after[pairs.pj[k]] = np.uint64(0)
-    return n, groups
+    for k in range(beside, other):
+        after[pairs.pi[k]] = after[pairs.pj[k]] = np.uint64(0)
+    return n, other, groups
 
 
-def grouped_column(pairs, data, space, source, column, part, turn):
-    """One column: ``pair`` gets the first seat of a group, and how many of its seats are taken."""
-    pi, pj, geometry, factors, counts, after = source
-    sizes, begin, stop = counts[part], pairs.start[column], pairs.start[column] + pairs.found[column]
+def grouped_columns(pairs, data, space, source, columns, part, turn):
+    """Some columns: ``pair`` gets the first seat of a group, and how many of its seats are taken."""
+    pi, pj, geometry, factors, counts, after, ny, nz = source
+    sizes, start, found = counts[part], pairs.start, pairs.found
     seats = Pairs(
         pairs.order, pairs.seats, pairs.types, pairs.inv_mass, pairs.ntypes, pi[part], pj[part], geometry[part], factors[part],
         pairs.start, pairs.found, pairs.sums, pairs.stress, pairs.flow,
     )  # fmt: skip
-    pairs.sums[column] = 0.0
-    for here in range(begin + np.uint64(turn) * _CHUNK, stop, _ROUNDS * _CHUNK):
-        n, last = here, min(here + _CHUNK, stop)
-        while n < last:
-            n, groups = _seat(pairs, seats, sizes, after, n, last)
-            _before(seats, data, np.uint64(0), groups * EIGHT, space)
-            for group in range(groups):
-                _pair(seats, data, space, group * EIGHT, sizes[group], column)
+    at, ends = np.uint64(0), np.uint64(len(columns))
+    while at < ends:
+        column = other = columns[at]
+        if at + _ONE < ends and apart(column, columns[at + _ONE], ny, nz):
+            other = columns[at + _ONE]
+        at += _ONE if other == column else _ONE + _ONE
+        pairs.sums[column] = pairs.sums[other] = 0.0
+        mine, its = found[column], found[other] if other != column else np.uint64(0)
+        for here in range(np.uint64(turn) * _CHUNK, max(mine, its), _ROUNDS * _CHUNK):
+            n, last = start[column] + min(here, mine), start[column] + min(here + _CHUNK, mine)
+            beside, end = start[other] + min(here, its), start[other] + min(here + _CHUNK, its)
+            while n < last or beside < end:
+                n, beside, groups = _seat(pairs, seats, sizes, after, n, last, beside, end)
+                _before(seats, data, np.uint64(0), groups * _MOST, space)
+                for group in range(groups):
+                    _pair(seats, data, space, group * _MOST, sizes[group], column)
 
 
 # what over_pairs() puts in

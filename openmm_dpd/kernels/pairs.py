@@ -8,7 +8,7 @@ from ..base.errors import RunError, bead_number
 from ..base.geometry import most_tilted, widths
 from ..runtime import threads_for
 from . import cells, listing
-from .shares import Shares, blocks_of, by_colours, share_out
+from .shares import Shares, abreast, blocks_of, by_colours, share_out
 
 #: From so many beads on all their pairs are more than what the processor has at hand: to list them again is faster than to read them.
 MANY = 50_000
@@ -178,6 +178,11 @@ class PairList:
     def threads(self) -> int:
         """How many threads share the work."""
         return threads_for(len(self.beads))
+
+    @property
+    def across(self) -> tuple[int, int]:
+        """How many columns there are along y and z."""
+        return self._shape[1:]
 
     @property
     def alike(self) -> bool:
@@ -358,7 +363,8 @@ class PairList:
     def _shared(self, parts: int) -> Shares:
         """Shares of about as many pairs, or as much room for them; and of columns, where there is none."""
         start, found = self._stored.start, self._stored.found
-        return share_out(self._blocks, 1 + (np.diff(start) if start[-1] else found).astype(np.int64), parts)
+        shares = share_out(self._blocks, 1 + (np.diff(start) if start[-1] else found).astype(np.int64), parts)
+        return abreast(shares, *self.across) if self.grouped else shares
 
     def listed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | float]:
         """Beads i and j, directions e (P, 3), distances and factors of all pairs."""

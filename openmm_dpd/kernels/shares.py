@@ -8,12 +8,17 @@ of the two even ones around it and no others; and in each layer so too, an even 
 its last even one has to wait for another thread.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
 
+from ..runtime import both
+
 #: Threads have colours in common only where they would wait longer than for this part of their work with layers of their own.
 _WAITING = 0.03
+#: So far a column is looked for that can be done beside another one: to the block after the next.
+_AHEAD = 16
 
 
 class Shares(NamedTuple):
@@ -45,6 +50,27 @@ def blocks_of(ny: int, nz: int) -> Blocks:
     y_edges, z_edges = np.arange(along_y + 1) * ny // along_y, np.arange(along_z + 1) * nz // along_z
     blocks = [block.ravel() for layer in np.split(columns, z_edges[1:-1]) for block in np.split(layer, y_edges[1:-1], axis=1)]
     return Blocks(blocks, np.arange(along_y * along_z).reshape(along_z, along_y))
+
+
+@both
+def apart(column, other, ny, nz):
+    """Whether two columns touch no bead both."""
+    dy, dz = abs(column % max(ny, 1) - other % max(ny, 1)), abs(column // max(ny, 1) - other // max(ny, 1))
+    return min(dy, ny - dy) > 2 or min(dz, nz - dz) > 1
+
+
+def abreast(shares: Shares, ny: int, nz: int) -> Shares:
+    """The same shares, with columns that are :func:`apart` next to each other, two and two, where none has to wait for another one then."""
+    for begin, end in itertools.pairwise(np.unique(shares.first).tolist()):
+        left, done = shares.columns[begin:end].tolist(), []
+        while left:
+            done.append(left.pop(0))
+            for k, other in enumerate(left[:_AHEAD]):
+                if all(apart(other, one, ny, nz) for one in (done[-1], *left[:k])):
+                    done.append(left.pop(k))
+                    break
+        shares.columns[begin:end] = done
+    return shares
 
 
 def by_colours(blocks: Blocks) -> list[np.ndarray]:
