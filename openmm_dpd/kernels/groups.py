@@ -16,36 +16,35 @@ from .vectors import lowest_bit
 
 #: So many pairs a processor computes at once; so many are in a group, at most.
 EIGHT, _MOST = np.uint64(8), np.uint64(16)
-_GROUPS, _ONE, _CHUNK = np.uint64(CHUNK // 16), np.uint64(1), np.uint64(CHUNK)
-_ALL = (_ONE << _GROUPS) - _ONE
+_GROUPS, _ONE, _CHUNK, _BYTE = np.uint64(CHUNK // 16), np.uint64(1), np.uint64(CHUNK), np.uint64(8)
+#: Eight bytes: the highest bit of each, and what they begin with, so that this bit is set when sixteen seats are taken.
+_FULL, _NONE = np.uint64(0x8080808080808080), np.uint64(0x7070707070707070)
 
 
 def seats_for(pairs: PairList) -> tuple:
-    """Seats in :data:`_GROUPS` groups for each thread, with pi, pj, geometry and factors as in :class:`.pairs.Pairs`; (threads, groups) how
-    many pairs these have; (M,) the first group that is free for a bead; how many columns there are along y and z."""
+    """Seats in :data:`_GROUPS` groups for each thread, with pi, pj, geometry and factors as in :class:`.pairs.Pairs`; (M,) bits of the groups
+    that come too early for a bead; how many columns there are along y and z."""
     each, threads = np.zeros((2, pairs.threads, CHUNK), np.uint32), pairs.threads
-    factors, sizes = np.zeros((threads, CHUNK * (len(pairs.exceptions[0]) > 0))), np.zeros((threads, int(_GROUPS)), np.uint64)
-    return *each, np.zeros((threads, 4, CHUNK)), factors, sizes, np.zeros(len(pairs.order), np.uint64), *pairs.across
+    factors = np.zeros((threads, CHUNK * (len(pairs.exceptions[0]) > 0)))
+    return *each, np.zeros((threads, 4, CHUNK)), factors, np.zeros(len(pairs.order), np.uint64), *pairs.across
 
 
 @merged
-def _seat(pairs, seats, sizes, after, begin, stop, beside, end):
-    """Seat pairs from ``begin`` and from ``beside`` on, in turn, until one finds no seat; returns their numbers, and how many groups there
-    are."""
-    sizes[:] = np.uint64(0)
-    n, other, free, groups = begin, beside, _ALL, np.uint64(0)
+def _seat(pairs, seats, after, begin, stop, beside, end):
+    """Seat pairs from ``begin`` and from ``beside`` on, in turn, until one finds no seat; returns their numbers, and how many seats of each
+    group are taken: a byte each, whose highest bit is set when all are."""
+    n, other, taken = begin, beside, _NONE
     while n < stop or other < end:
         late = end - other > stop - n
         p = other if late else n
         i, j = pairs.pi[p], pairs.pj[p]
-        group = lowest_bit(free & (_ALL << max(after[i], after[j])))
-        if group >= _GROUPS:
+        free = ~(taken | after[i] | after[j]) & _FULL
+        if not free:
             break
-        k = group * _MOST + sizes[group]
-        sizes[group] += _ONE
-        free &= ~(sizes[group] // _MOST << group)
-        after[i] = after[j] = group + _ONE
-        groups = max(groups, group + _ONE)
+        after[i] = after[j] = free ^ (free - _ONE)  # the bits of this group and those before it
+        byte = lowest_bit(free) - np.uint64(7)
+        k = (byte << _ONE) + (taken >> byte & (_MOST - _ONE))
+        taken += _ONE << byte
         seats.pi[k], seats.pj[k] = i, j
         for row in range(4):
             seats.geometry[row, k] = pairs.geometry[row, p]
@@ -56,13 +55,13 @@ def _seat(pairs, seats, sizes, after, begin, stop, beside, end):
         after[pairs.pi[k]] = after[pairs.pj[k]] = np.uint64(0)
     for k in range(beside, other):
         after[pairs.pi[k]] = after[pairs.pj[k]] = np.uint64(0)
-    return n, other, groups
+    return n, other, taken
 
 
 def grouped_columns(pairs, data, space, source, columns, part, turn):
     """Some columns: ``pair`` gets the first seat of a group, and how many of its seats are taken."""
-    pi, pj, geometry, factors, counts, after, ny, nz = source
-    sizes, start, found = counts[part], pairs.start, pairs.found
+    pi, pj, geometry, factors, after, ny, nz = source
+    start, found = pairs.start, pairs.found
     seats = Pairs(
         pairs.order, pairs.seats, pairs.types, pairs.inv_mass, pairs.ntypes, pi[part], pj[part], geometry[part], factors[part],
         pairs.start, pairs.found, pairs.sums, pairs.stress, pairs.flow,
@@ -79,10 +78,14 @@ def grouped_columns(pairs, data, space, source, columns, part, turn):
             n, last = start[column] + min(here, mine), start[column] + min(here + _CHUNK, mine)
             beside, end = start[other] + min(here, its), start[other] + min(here + _CHUNK, its)
             while n < last or beside < end:
-                n, beside, groups = _seat(pairs, seats, sizes, after, n, last, beside, end)
+                n, beside, taken = _seat(pairs, seats, after, n, last, beside, end)
+                taken -= _NONE
+                groups = _GROUPS
+                while not taken >> _BYTE * (groups - _ONE):
+                    groups -= _ONE
                 _before(seats, data, np.uint64(0), groups * _MOST, space)
                 for group in range(groups):
-                    _pair(seats, data, space, group * _MOST, sizes[group], column)
+                    _pair(seats, data, space, group * _MOST, taken >> _BYTE * group & np.uint64(255), column)
 
 
 # what over_pairs() puts in
