@@ -22,8 +22,8 @@ _FULL, _NONE = np.uint64(0x8080808080808080), np.uint64(0x7070707070707070)
 
 
 def seats_for(pairs: PairList) -> tuple:
-    """Seats in :data:`_GROUPS` groups for each thread, with pi, pj, geometry and factors as in :class:`.pairs.Pairs`; (M,) bits of the groups
-    that come too early for a bead; how many columns there are along y and z."""
+    """Seats in :data:`_GROUPS` groups for each thread, with pi, pj, geometry and factors as in :class:`.pairs.Pairs`; (M,) bits of the
+    groups that come too early for a bead; how many columns there are along y and z."""
     each, threads = np.zeros((2, pairs.threads, CHUNK), np.uint32), pairs.threads
     factors = np.zeros((threads, CHUNK * (len(pairs.exceptions[0]) > 0)))
     return *each, np.zeros((threads, 4, CHUNK)), factors, np.zeros(len(pairs.order), np.uint64), *pairs.across
@@ -51,10 +51,9 @@ def _seat(pairs, seats, after, begin, stop, beside, end):
         if len(pairs.factors):
             seats.factors[k] = pairs.factors[p]
         n, other = (n, other + _ONE) if late else (n + _ONE, other)
-    for k in range(begin, n):
-        after[pairs.pi[k]] = after[pairs.pj[k]] = np.uint64(0)
-    for k in range(beside, other):
-        after[pairs.pi[k]] = after[pairs.pj[k]] = np.uint64(0)
+    for first, last in ((begin, n), (beside, other)):
+        for k in range(first, last):
+            after[pairs.pi[k]] = after[pairs.pj[k]] = np.uint64(0)
     return n, other, taken
 
 
@@ -68,12 +67,11 @@ def grouped_columns(pairs, data, space, source, columns, part, turn):
     )  # fmt: skip
     at, ends = np.uint64(0), np.uint64(len(columns))
     while at < ends:
-        column = other = columns[at]
-        if at + _ONE < ends and apart(column, columns[at + _ONE], ny, nz):
-            other = columns[at + _ONE]
-        at += _ONE if other == column else _ONE + _ONE
+        column, other = columns[at], columns[min(at + _ONE, ends - _ONE)]
+        two = np.uint64(apart(column, other, ny, nz))
+        at += _ONE + two
+        mine, its = found[column], two * found[other]
         pairs.sums[column] = pairs.sums[other] = 0.0
-        mine, its = found[column], found[other] if other != column else np.uint64(0)
         for here in range(np.uint64(turn) * _CHUNK, max(mine, its), _ROUNDS * _CHUNK):
             n, last = start[column] + min(here, mine), start[column] + min(here + _CHUNK, mine)
             beside, end = start[other] + min(here, its), start[other] + min(here + _CHUNK, its)

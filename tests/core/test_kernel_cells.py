@@ -12,7 +12,7 @@ from openmm_dpd import RunError
 from openmm_dpd.base.geometry import coincident_pairs
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, STRESS, PairEngine, PairSpec
-from openmm_dpd.kernels.shares import blocks_of, by_colours, share_out
+from openmm_dpd.kernels.shares import Shares, abreast, apart, blocks_of, by_colours, share_out
 from openmm_dpd.plan.plan import make_plan
 from openmm_dpd.runtime import threads as thread_count
 from openmm_dpd.runtime.threads import set_threads
@@ -186,18 +186,17 @@ def test_parts_the_work_is_cut_into_do_not_change_the_order(box):
         assert np.array_equal(pairs.arrays.geometry[:, rows], geometry[:, rows])
 
 
+def touched(column, ny, nz):
+    """The columns whose beads a column touches, recomputed from the geometry: (y +- 1, z), and (y - 1 ... y + 1, z + 1), around the box."""
+    y, z = column % ny, column // ny
+    return {(a % ny, b % nz) for a, b in {(y, z), (y + 1, z), (y - 1, z + 1), (y, z + 1), (y + 1, z + 1)}}
+
+
 def coloured_blocks(ny, nz):
-    """Blocks of columns, the colour of each, and the columns it touches, recomputed from the geometry: those of a column reach (y +- 1, z),
-    and (y - 1 ... y + 1, z + 1), around the box."""
-
-    def touched(column):
-        y, z = column % ny, column // ny
-        near = {(y, z), (y + 1, z), (y - 1, z + 1), (y, z + 1), (y + 1, z + 1)}
-        return {(a % ny, b % nz) for a, b in near}
-
+    """Blocks of columns, the colour of each, and the columns it touches."""
     blocks = blocks_of(ny, nz)
     found = [(blocks.columns[k], colour) for colour, its in enumerate(by_colours(blocks)) for k in its]
-    return *zip(*found, strict=True), [set().union(*map(touched, block)) for block, _ in found]
+    return *zip(*found, strict=True), [set().union(*(touched(column, ny, nz) for column in block)) for block, _ in found]
 
 
 GRIDS = [(1, 1), (2, 5), (3, 3), (3, 4), (4, 3), (5, 5), (6, 7), (7, 6), (9, 8), (11, 13), (12, 11), (5, 40), (33, 34)]
@@ -251,6 +250,25 @@ def test_shares_are_of_as_many_pairs(ny, nz):
         first, columns = share_out(blocks_of(ny, nz), work, parts)
         turns = [max(work[columns[row[p] : row[p + 1]]].sum() for p in range(parts)) for row in first]
         assert sum(turns) < (1.1 if ny == 33 else 1.35) * work.sum() / parts
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+@pytest.mark.parametrize(("ny", "nz"), [(1, 1), (3, 4), (4, 8), (6, 7), (9, 8), (14, 14)])
+def test_columns_that_are_done_two_at_a_time_touch_no_bead_both(ny, nz, parts):
+    """And those that do come in the order in which they came."""
+    reach = [touched(column, ny, nz) for column in range(ny * nz)]
+    for one, other in itertools.product(range(ny * nz), repeat=2):
+        assert not (apart(one, other, ny, nz) and reach[one] & reach[other])
+    usual = share_out(blocks_of(ny, nz), np.full(ny * nz, 10), parts)
+    first, columns = abreast(Shares(usual.first, usual.columns.copy()), ny, nz)
+    two = 0
+    for row, part in itertools.product(usual.first, range(parts)):
+        before, after = (its[row[part] : row[part + 1]].tolist() for its in (usual.columns, columns))
+        assert sorted(before) == sorted(after)
+        for one, other in itertools.combinations(before, 2):
+            assert after.index(one) < after.index(other) or not reach[one] & reach[other]
+        two += sum(apart(*its, ny, nz) for its in itertools.pairwise(after))
+    assert np.array_equal(first, usual.first) and two >= (ny * nz // 3 if ny > 8 else 0)
 
 
 EDGES = {
