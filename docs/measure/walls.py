@@ -4,6 +4,7 @@ python docs/measure/walls.py 78 3 --gamma 4.5 --time 2000         one row: repul
 python docs/measure/walls.py 25 3 --chains 2                      all beads in chains of ten with k = 2
 python docs/measure/walls.py 25 3 --unlike 28                     half of the beads of a type that repels the other by this
 python docs/measure/walls.py 78 3 --tau 0.01                      find the force anew, by iteration, and the slip with this tau
+python docs/measure/walls.py 15 3 --times 4 --rate 0.4 --time 2400 the slip with so many times the tau of the table
 python docs/measure/walls.py --write                              fit both to docs/walls.json, into openmm_dpd/plan/continuum.json
 """
 
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-from numpy.polynomial import Chebyshev
+from numpy.polynomial import Chebyshev, polynomial
 
 import openmm_dpd as dpd
 from openmm_dpd.measure import WallReporter
@@ -26,8 +27,8 @@ ROWS = Path(__file__).parents[1] / "walls.json"
 EDGE, GAP, WAIT, BLOCKS, TERMS, FINE, LAYER = 4.0, 8.0, 40.0, 8, 8, 160, 4
 MIDS = (np.arange(FINE) + 0.5) * GAP / FINE
 INNER = np.abs(MIDS - GAP / 2) < 1.5
-#: Powers that are fitted: of a beyond the first, and 1/n, in the force; of ln a and 1/n in the logarithm of tau.
-IN_FORCE, IN_TIME = (3, 3), (2, 2)
+#: Powers that are fitted: of a beyond the first, and 1/n, in the force; of ln a, 1/n and the friction, each, in the logarithm of tau.
+IN_FORCE, IN_TIME = (3, 3), [*((i, j, 0) for i in range(3) for j in range(2)), (0, 0, 1), (1, 0, 1)]
 
 
 def channel(given, A: float, rho: float, time: float):
@@ -110,7 +111,7 @@ def new_row(given, A: float, rho: float) -> dict:
     """The force found in two steps, and the slip with it."""
     force, wide = np.zeros(TERMS + 2), [[0, 1e9]] * 3
     for time in (given.time / 4, given.time, given.time):
-        table = {"force": (force / A)[None, None].tolist(), "time": [[float(np.log(given.tau))]], "friction": 0.0, "range": wide}
+        table = {"force": (force / A)[None, None].tolist(), "time": [[[float(np.log(given.tau))]]], "range": wide}
         continuum.wall_measures = lambda table=table: table
         found, forces = channel(given, A, rho, time)
         row = {"A": A, "rho": rho, "gamma": given.gamma, "tau": given.tau, "force": force.tolist()}
@@ -118,25 +119,42 @@ def new_row(given, A: float, rho: float) -> dict:
     return row | {"slip": measures(found, forces, given.rate)["slip"]}
 
 
+def slip_row(given, A: float, rho: float) -> dict:
+    """The slip with so many times the tau of the table."""
+    table = continuum.wall_measures() | {"range": [[0, 1e9]] * 3}
+    table["time"] = np.array(table["time"])
+    table["time"][0, 0, 0] += np.log(given.times)
+    continuum.wall_measures = lambda: table
+    tau = float(np.exp(polynomial.polyval3d(np.log(A), 1.0 / rho, given.gamma, table["time"])))
+    return {"A": A, "rho": rho, "gamma": given.gamma, "tau": tau, "slip": measures(*channel(given, A, rho, given.time), given.rate)["slip"]}
+
+
 def write(rows: list[dict]) -> None:
-    """Least squares over all rows; slip is a straight line in the logarithm of tau, of the same slope everywhere."""
+    """Least squares over all rows.  The friction that tau adds is about as A^2 rho^2 tau; so is slip beside tau_0 - tau, with powers that are
+    fitted, too.  What the blocks of a run say of its error is an estimate: none counts as less than 0.03."""
     A, rho, force = (np.array([row[name] for row in rows if "force" in row]) for name in ("A", "rho", "force"))
     design = np.stack([A**i * rho**-j for i in range(IN_FORCE[0]) for j in range(IN_FORCE[1])], axis=1)
     force = np.linalg.lstsq(design, force / A[:, None], rcond=None)[0]
     A, rho, gamma, tau, slip, error = np.array(
         [[*(row[n] for n in ("A", "rho", "gamma", "tau")), *row["slip"]] for row in rows if "slip" in row]
     ).T
-    powers, weight = [np.log(A) ** i * rho**-j for i in range(IN_TIME[0]) for j in range(IN_TIME[1])], np.hypot(error, 0.02)
-    design = np.column_stack([-np.log(tau), *powers, gamma])
-    slope, *time, friction = np.linalg.lstsq(design / weight[:, None], slip / weight, rcond=None)[0]
+    powers = np.transpose([np.log(A) ** i * rho**-j * gamma**k for i, j, k in IN_TIME])
+
+    def left(factors):
+        return slip - np.exp(factors[-3:] @ [np.ones(len(A)), np.log(A), np.log(rho)]) * (np.exp(powers @ factors[:-3]) - tau)
+
+    start = [*np.linalg.lstsq(powers, np.log(tau), rcond=None)[0], -9.0, 2.0, 2.0]
+    factors = scipy.optimize.least_squares(lambda its: left(its) / np.hypot(error, 0.03), start, loss="soft_l1", x_scale="jac").x
+    time = np.zeros(np.max(IN_TIME, axis=0) + 1)
+    time[tuple(np.transpose(IN_TIME))] = factors[:-3]
     digits = np.vectorize(lambda value: float(f"{value:.9g}"))
     found = {
         "script": "docs/measure/walls.py",
         "range": [[15, 80], [3, 6], [4, 45]],
         "force": digits(force.reshape(*IN_FORCE, -1)).tolist(),
     }
-    found |= {"time": digits(np.reshape(time, IN_TIME) / slope).tolist(), "friction": float(digits(friction / slope))}
-    for row in np.column_stack([A, rho, gamma, tau, slip, error, slip - design @ [slope, *time, friction]]):
+    found["time"] = digits(time).tolist()
+    for row in np.column_stack([A, rho, gamma, tau, slip, error, left(factors)]):
         print(*np.round(row, 4))
     Path(continuum.__file__).with_suffix(".json").write_text(json.dumps(found) + "\n", encoding="utf-8")
 
@@ -153,14 +171,15 @@ def main() -> None:
         "chains": None,
         "unlike": None,
         "tau": None,
+        "times": None,
     }.items():
         parser.add_argument(f"--{name}", type=int if name == "seed" else float, default=default)
     parser.add_argument("--write", action="store_true")
     given, rows = parser.parse_args(), json.loads(ROWS.read_text()) if ROWS.exists() else []
     if given.write:
         write(rows)
-    elif given.tau:
-        rows.append(new_row(given, *given.fluid))
+    elif given.tau or given.times:
+        rows.append((new_row if given.tau else slip_row)(given, *given.fluid))
         ROWS.write_text("[\n" + ",\n".join(json.dumps(row) for row in rows) + "\n]\n", encoding="utf-8")
     else:
         for name, (mean, error) in measures(*channel(given, *given.fluid, given.time), given.rate).items():

@@ -43,8 +43,8 @@ BITS = 30
 @lru_cache(maxsize=1)
 def wall_measures() -> dict:
     """What was measured over repulsion a = A rc/kT and density n = rho rc^3: ``force`` (i, j, k), factors of a^(i + 1) n^-j in the k-th
-    Chebyshev coefficient of the term beside F, in kT/rc, over the reach of a wall; ``time`` (i, j) and ``friction``, factors of
-    (ln a)^i n^-j and of gamma rc/sqrt(m kT) in the logarithm of tau, in rc sqrt(m/kT); and the ``range`` of a, n and friction."""
+    Chebyshev coefficient of the term beside F, in kT/rc, over the reach of a wall; ``time`` (i, j, k), factors of (ln a)^i n^-j b^k, with
+    the friction b = gamma rc/sqrt(m kT), in the logarithm of tau, in rc sqrt(m/kT); and the ``range`` of a, n and b."""
     return json.loads(files(__package__).joinpath("continuum.json").read_text(encoding="utf-8"))
 
 
@@ -220,8 +220,7 @@ def wall_table(pair, mass: float, kT: float, density: float, r: np.ndarray, g: n
     force += kT / pair.cutoff * np.where(h < REACH * pair.cutoff, beside, 0.0)
     tau = 0.0
     if reduced:
-        power = polynomial.polyval2d(np.log(reduced), 1.0 / dense, tables["time"])
-        power += tables["friction"] * gamma * pair.cutoff / np.sqrt(mass * kT)
+        power = polynomial.polyval3d(np.log(reduced), 1.0 / dense, gamma * pair.cutoff / np.sqrt(mass * kT), tables["time"])
         tau = pair.cutoff * np.sqrt(mass / kT) * np.exp(power)
     normal, plane = frictions(gamma * w ** (2.0 * pair.exponent))
     perpendicular = frictions(pair.gamma_perp * w ** (2.0 * pair.exponent_perp))

@@ -78,9 +78,7 @@ def test_tables_are_integrals_over_the_half_space():
     w, a, gamma = np.clip(1 - r, 0, None), 10.0, 3 / np.sqrt(6)
     force, time = np.array(tables["force"]), np.array(tables["time"])
     powers = [a ** (i + 1) * rho**-j * force[i, j] for i, j in np.ndindex(force.shape[:2])]
-    tau = np.sqrt(3 / 2) * np.exp(
-        sum(np.log(a) ** i * rho**-j * time[i, j] for i, j in np.ndindex(time.shape)) + tables["friction"] * gamma
-    )
+    tau = np.sqrt(3 / 2) * np.exp(sum(np.log(a) ** i * rho**-j * gamma**k * time[i, j, k] for i, j, k in np.ndindex(time.shape)))
     for row in (0, 31, 102, 160):
         at = h[row]
         beside = 2 * np.cos(np.arange(force.shape[2]) * np.arccos(2 * at / REACH - 1)) @ sum(powers)
@@ -171,7 +169,7 @@ def test_steps_beside_numpy():
     z = np.array([0.71, 0.9, 1.5, 4.6, 4.69, 2.5, 0.75 - 5, 4.66 + 10])
     v = np.array([[1, 0, -3], [0, 1, -9], [0, 0, -9], [1, 1, 4], [-1, 0, 2], [0, 0, 8], [0.5, 0, -4], [0, 0, 6.0]])
     expected = steps_beside_numpy(z, v, [((0.5, -0.2, 0), 0.3), ((-0.3, 0, 0), None)], 8, 5, "CPU", "Reference")
-    assert np.abs(expected[2]).min() > 0.1
+    assert np.abs(expected[2]).min() > 0.05
 
 
 @pytest.mark.parametrize("seed", range(4))
