@@ -289,7 +289,11 @@ SNIPPETS: dict[str, dict[str, str]] = {
             before="delete_bonds all bond 1 remove special\nfix f all bond/create/angle 1 1 1 0.7 1 iparam 2 1 jparam 2 1 aconstrain 60 180\n"
             + averaged("f_f[2]"),
         ),
-        "bond/break": deck("bonds", before="delete_bonds all angle 1 remove\nfix b all bond/break 2 1 0.5\n" + averaged("f_b[2]")),
+        "bond/break": deck(
+            "bonds",
+            before="delete_bonds all angle 1 remove\nfix b all bond/break 2 1 0.55\npair_style hybrid dpd 1.0 1.0 341 srp/react 1.2 * mid b\n"
+            "pair_coeff 1 1 dpd 25.0 4.5\npair_coeff 1 2 none\npair_coeff 2 2 srp/react 60.0\n" + averaged("f_b[2]"),
+        ),
         "momentum": deck(before="fix still all momentum 3 linear 1 1 1 angular rescale"),
         "print": deck(before='fix say all print 2 "at $(step) $(temp)" file say.txt title begun'),
         "ave/time": deck(before=averaged("c_thermo_temp", more="overwrite") + "\nfix b all ave/time 1 2 5 f_a append b.txt start 4"),

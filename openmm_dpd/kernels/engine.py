@@ -175,9 +175,11 @@ class PairEngine(Engine):
     def set_bonds(self, beads: list[np.ndarray], exceptions: Exceptions | None = None, types: np.ndarray | None = None) -> None:
         made = [terms.between(pairs).evaluator() for terms, pairs in zip(self.spec.sorts, beads, strict=True) if len(pairs)]
         self.number += 1  # first: what was computed before is not valid any more
+        for segments in (each for each in made if hasattr(each, "list")):
+            segments.list.slides = self.spec.sheared
         self.extras, self._bonds = [*self.extras[: len(self.spec.extras)], *made], (beads, exceptions, types)
         self._kept = self._kept and exceptions is None and types is None
-        for pairs in [*self.lists, *(each.list for each in self.extras if hasattr(each, "list"))]:
+        for pairs in [*self.lists, *(each.list for each in self.extras[: len(self.spec.extras)] if hasattr(each, "list"))]:
             if exceptions is not None:
                 pairs.leave_out(exceptions)
             if types is not None:

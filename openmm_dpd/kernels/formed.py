@@ -1,6 +1,8 @@
 """What follows from the bonds that form and break: angles, dihedrals and impropers that come with them, exceptions (:mod:`.reactions`)."""
 
+from dataclasses import dataclass
 from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 
@@ -74,9 +76,44 @@ def left_of(what: str, beads: np.ndarray, stays: np.ndarray, table: np.ndarray, 
     return ~np.any([np.isin(beads[:, a] * n + beads[:, b], gone) for a, b in ARMS[what]], axis=0)
 
 
-def left_in(what: str, beads: np.ndarray, stays: np.ndarray, table: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """(K, 3 or 4) uint32 beads of the terms that are left, see :func:`left_of`."""
-    return beads[left_of(what, beads, stays, table, start)].astype(np.uint32)
+class BeadsOf(Protocol):
+    """What has the beads of some terms, by a table of bonds and the bonds at the start; a class, since saved Systems hold no functions."""
+
+    def __call__(self, table: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """(K, width) beads of each term."""
+
+
+@dataclass(frozen=True, eq=False)
+class Formed:
+    """Terms that come with bonds, see :data:`FORMED`."""
+
+    what: str
+
+    def __call__(self, table: np.ndarray, start: np.ndarray) -> np.ndarray:
+        return FORMED[self.what](table, start)
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """Terms that are left, see :func:`left_of`."""
+
+    what: str
+    beads: np.ndarray
+    stays: np.ndarray
+
+    def __call__(self, table: np.ndarray, start: np.ndarray) -> np.ndarray:
+        return self.beads[left_of(self.what, self.beads, self.stays, table, start)].astype(np.uint32)
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Segments that stay (S, 2), and the bonds of some sorts."""
+
+    stay: np.ndarray
+    sorts: tuple[int, ...]
+
+    def __call__(self, table: np.ndarray, start: np.ndarray) -> np.ndarray:
+        return np.concatenate([self.stay, *(bonds_in(table, k).astype(np.int64) for k in self.sorts)])
 
 
 def each_partner(bonds: np.ndarray, beads: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:

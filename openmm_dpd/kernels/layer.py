@@ -13,6 +13,7 @@ from .extras import BondedKernel, Extra
 from .fields import FieldSpec
 from .noise import told_key
 from .pairs import Exceptions, PairList, no_exceptions
+from .segments import SegmentSpec
 
 #: Which terms an evaluation adds up.
 CONSERVATIVE, DISSIPATIVE, RANDOM = 1, 2, 4
@@ -129,4 +130,4 @@ class PairSpec:
     sheared: bool = False  #: Whether there is a Lees-Edwards shear
     carried: Any = None  #: Immobile particles that walls take along, a :class:`.solids.Carried`, if there are any
     bodies: Any = None  #: Rigid bodies, a :class:`.bodies.BodySpec`, if there are any
-    sorts: tuple[BondedKernel, ...] = ()  #: One bond of each sort that forms and breaks
+    sorts: tuple[BondedKernel | SegmentSpec, ...] = ()  #: One bond of each sort that forms and breaks, see :class:`.reactions.BondsSpec`

@@ -5,7 +5,6 @@ for one that is broken and counts nevertheless, and -1 - sorts - type for anothe
 it depends on the places in the rows only where bonds have to be in the order in which they have come: broken ones that count keep theirs.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -16,10 +15,11 @@ from ..base.errors import RunError
 from ..base.geometry import minimum_images
 from ..runtime import compiled, inlined
 from .extras import BondedKernel
-from .formed import bonds_in, bonds_now, exceptions_in, in_angles, oldest_bonds
+from .formed import BeadsOf, bonds_in, bonds_now, exceptions_in, in_angles, oldest_bonds
 from .moment import Moment, SlowForces, StepSpec, Watch
 from .noise import noise_key, pair_key, uniform
 from .pairs import Exceptions, PairList
+from .segments import SegmentSpec
 from .steps import StepLoop
 
 #: Layers of noise from here on are those of reactions.
@@ -42,12 +42,13 @@ class BondsSpec:
     """All bonds that may form and break."""
 
     reactions: tuple[ReactionSpec, ...]
-    sorts: tuple[BondedKernel, ...]  #: One bond of each sort, then one of each angle, dihedral and improper that come and go with bonds
+    #: One bond of each sort, then one of each angle, dihedral and improper that come and go with bonds, then the segments
+    sorts: tuple[BondedKernel | SegmentSpec, ...]
     initial: np.ndarray  #: (N, W) table at the start
     neighbours: Exceptions  #: Beads with bonds that stay, of the factor 0: they get no other one
     stays: np.ndarray  #: Bonds that stay, and with those of the initial table, see :func:`both_ways`
     start: np.ndarray
-    bent: tuple[Callable[[np.ndarray, np.ndarray], np.ndarray], ...]  #: What has the beads of each of the latter, of a table and ``start``
+    bent: tuple[BeadsOf, ...]  #: What has the beads of each of the latter, of a table and ``start``
     types: np.ndarray  #: (N,) types of the beads at the start
     turns: bool  #: Whether types change
     factors: tuple[float, ...] | None  #: Of the pair terms of beads one, two and three bonds apart, if any differs from 1

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -24,7 +23,7 @@ from ..base.errors import RunError, bead_names, in_length
 from ..runtime import Kernel, helper, inlined
 from .columns import add_stress, over_pairs
 from .extras import bead_rows, box_array, inverse_edges, minimum_image
-from .pairs import PairList, compressed_exceptions, no_exceptions
+from .pairs import PairList, no_exceptions
 
 MID, NEAREST, CLAMPED = range(3)
 #: Distance (nm) below which a contact has no direction, and exerts no force.
@@ -48,6 +47,10 @@ class SegmentSpec:
         """What computes it."""
         return SegmentEngine(self)
 
+    def between(self, beads: np.ndarray) -> SegmentSpec:
+        """The same between these bonds (S, 2)."""
+        return replace(self, pairs=beads)
+
     def few(self) -> tuple[SegmentSpec, np.ndarray, np.ndarray]:
         """Two bonds."""
         half = 0.25 * self.cutoff
@@ -57,12 +60,16 @@ class SegmentSpec:
 
 def adjoining(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Segments that share a bead, as exceptions of factor 0 in compressed rows (see :class:`.pairs.PairList`)."""
-    at: dict[int, list[int]] = {}
-    for segment, ends in enumerate(pairs.tolist()):
-        for bead in ends:
-            at.setdefault(bead, []).append(segment)
-    both = {pair: 0.0 for segments in at.values() for pair in combinations(segments, 2)}
-    return compressed_exceptions(both, len(pairs))
+    _, start, slots = bead_rows(pairs)
+    (of, many), n = (slots // 2, np.diff(start)), np.int64(len(pairs))
+    row, found = np.repeat(np.arange(len(many)), many), [np.zeros(0, np.int64)]
+    for gap in range(1, many.max(initial=0)):
+        first = np.flatnonzero(row[gap:] == row[:-gap])
+        found += [of[first] * n + of[first + gap], of[first + gap] * n + of[first]]
+    codes = np.unique(np.concatenate(found))
+    if not len(codes):
+        return no_exceptions()
+    return np.searchsorted(codes, np.arange(n + 1) * n), codes % n, np.zeros(len(codes))
 
 
 @inlined
@@ -235,7 +242,7 @@ class SegmentEngine:
     repeats = True
 
     def __init__(self, spec: SegmentSpec):
-        self.spec = spec
+        self.spec = self.terms = spec
         n = len(spec.pairs)
         exceptions = adjoining(spec.pairs) if spec.exclude_adjoining else no_exceptions()
         self.list = PairList(np.zeros(n, np.int32), np.ones(n), np.array([[spec.cutoff]]), exceptions)

@@ -343,7 +343,6 @@ def check_reactions(scene: Any) -> None:
         f"`counted` names a bead of {scene.n_beads} that is not there": any(
             (bonds.counted >= scene.n_beads).any() for bonds in bond_sorts(scene.reactions)
         ),
-        "`segments` repel bonds that stay": scene.segments is not None,
         "beads have energies or temperatures of their own, and nothing says which of them the energy of a bond comes from": (
             scene.internal is not None and not isinstance(scene.internal, Concentrations)
         ),

@@ -18,7 +18,7 @@ from .internal import Internal, check_internal
 from .pairs import NONE, PairTable, require_complete
 from .planes import checked_walls
 from .reactions import BondBreaking, BondFormation, check_reactions
-from .segments import SegmentalRepulsion, check_segments
+from .segments import SegmentalRepulsion, check_segments, segment_parts
 from .shapes import SolidWall
 from .shear import LeesEdwards, check_shear
 from .sources import Buoyancy, Source
@@ -158,7 +158,6 @@ class Scene:
             self._check_kinds(name, kind)
         check_angles(self.angles, self.n_beads)
         check_torsions((*self.dihedrals, *self.impropers), self.n_beads)
-        self._check_segments()
         put("bonded_factors", special_factors(self.bonded_factors, "bonded_factors"))
         put("tables", self._checked_pairs())
         put("pairs", self.tables)
@@ -173,6 +172,7 @@ class Scene:
         put("shapes", check_bodies(self.bodies, self))
         self._check_kinds("reactions", BondFormation, BondBreaking)
         check_reactions(self)
+        check_segments(self)
         if self.compat not in ("consistent", "lammps"):
             raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
 
@@ -253,10 +253,9 @@ class Scene:
 
     @property
     def segment_pairs(self) -> np.ndarray:
-        """Bead indices of the bonds that repel each other by ``segments``, (S, 2)."""
-        if self.segments is None:
-            return np.zeros((0, 2), dtype=np.int64)
-        return self.bond_pairs if self.segments.bonds is None else self.segments.bonds
+        """Bead indices of the bonds that repel each other by ``segments``, (S, 2), at the start."""
+        stay, sorts = segment_parts(self)
+        return np.concatenate([stay, *(bonds.pairs for bonds in sorts)])
 
     # -- checks ----------------------------------------------------------------------------------------------------------------
     def _checked_masses(self) -> dict[str, float]:
@@ -359,13 +358,6 @@ class Scene:
         for entry in given:
             if not isinstance(entry, kinds):
                 raise ParameterError(f"{name} must be a sequence of {names}, not of {type(entry).__name__}")
-
-    def _check_segments(self) -> None:
-        if self.segments is None:
-            return
-        if not isinstance(self.segments, SegmentalRepulsion):
-            raise ParameterError(f"segments must be a SegmentalRepulsion, not {what_is(self.segments)}")
-        check_segments(self.segments, self.segment_pairs, self.positions, self.box)
 
     def _check_flow(self) -> None:
         """Check forces on single beads and walls, and keep the gaps between walls."""

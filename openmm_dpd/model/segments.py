@@ -1,6 +1,8 @@
 """Segmental repulsion, which keeps bonds from passing through each other."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -9,6 +11,7 @@ from ..base.geometry import minimum_images
 from ..base.units import keep
 from .bonds import bead_indices
 from .pairs import checked
+from .reactions import ReactiveBonds, bond_sorts
 
 #: Definitions of the distance between two segments.
 DISTANCES = ("mid", "min")
@@ -30,8 +33,8 @@ class SegmentalRepulsion:
         Range, nm, > 0.
     distance : {"mid", "min"}
         Points of two bonds that repel each other: midpoints or nearest points.
-    bonds : (S, 2) array of int, optional
-        Bead pairs of the segments; by default all bonds of the scene.
+    bonds : (S, 2) array of int, or list of ReactiveBonds, optional
+        Bead pairs of the segments, or bonds that form and break; by default all bonds of the scene, these included.
     exclude_adjoining : bool, default True
         Exclude pairs of bonds that share a bead; ``False`` is possible only with ``"mid"``.
 
@@ -44,7 +47,7 @@ class SegmentalRepulsion:
     A: float
     cutoff: float = 1.0
     distance: str = "mid"
-    bonds: np.ndarray | None = None
+    bonds: np.ndarray | Sequence[ReactiveBonds] | None = None
     exclude_adjoining: bool = True
 
     def __post_init__(self):
@@ -56,21 +59,49 @@ class SegmentalRepulsion:
             raise ParameterError(f"exclude_adjoining must be True or False, not {what_is(self.exclude_adjoining)}")
         if self.distance == "min" and not self.exclude_adjoining:
             raise ParameterError("bonds that share a bead have the distance 0 with distance='min'; they must be left out")
-        if self.bonds is not None:
+        if self.reactive:
+            keep(self, bonds=tuple(self.bonds))  # type: ignore[arg-type]  # there are some
+        elif self.bonds is not None:
             pairs = bead_indices(self.bonds, 2, "segments")
             different, counts = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
             if np.any(counts > 1):
                 raise ParameterError(f"the segment between {bead_names(*different[counts > 1][0])} is listed twice")
             keep(self, bonds=pairs)
 
+    @property
+    def reactive(self) -> bool:
+        """Whether ``bonds`` are those that form and break."""
+        return isinstance(self.bonds, (list, tuple)) and bool(self.bonds) and all(isinstance(each, ReactiveBonds) for each in self.bonds)
+
     def reach(self, longest: float) -> float:
         """Largest distance of midpoints, nm, at which two bonds of at most this length can interact."""
         return self.cutoff + (longest if self.distance == "min" else 0.0)
 
 
-def check_segments(segments: SegmentalRepulsion, pairs: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
-    """Raise ParameterError if there are no segments, or if at positions x two of them could interact with more than one image."""
+def segment_parts(scene: Any) -> tuple[np.ndarray, list[ReactiveBonds]]:
+    """Of the bonds of a scene that repel each other those that stay, (S, 2), and those that form and break."""
+    its, none = scene.segments, np.zeros((0, 2), dtype=np.int64)
+    if its is None or its.bonds is None:
+        return (none, []) if its is None else (scene.bond_pairs, bond_sorts(scene.reactions))
+    return (none, list(its.bonds)) if its.reactive else (its.bonds, [])
+
+
+def check_segments(scene: Any) -> None:
+    """Raise ParameterError if there are no segments, or bonds cannot be some, or if two of them could interact with more than one image."""
+    segments, x, box = scene.segments, scene.positions, scene.box
+    if segments is None:
+        return
+    if not isinstance(segments, SegmentalRepulsion):
+        raise ParameterError(f"segments must be a SegmentalRepulsion, not {what_is(segments)}")
+    pairs = scene.segment_pairs
+    sorts = {*map(id, segment_parts(scene)[1])}
+    if not sorts <= {*map(id, bond_sorts(scene.reactions))}:
+        raise ParameterError("`segments` name bonds that none of the `reactions` makes or breaks")
+    if any(each.forms and each.energy is not None and id(each.bonds) in sorts for each in scene.reactions):
+        raise ParameterError("bonds in equilibrium have the odds of their own energy, so they cannot be among the `segments`")
     if not len(pairs):
+        if sorts:
+            return
         raise ParameterError("the segmental repulsion acts between bonds, but there are none; list them in `bonds`")
     if pairs.max() >= len(x):
         raise ParameterError(f"a segment names bead {pairs.max()}, but there are only {len(x)} beads, counted from 0")

@@ -7,6 +7,7 @@ from ..kernels.fields import ENERGY, TEMPERATURE
 from ..model.electrostatics import NO_ELECTROSTATICS
 from ..model.flow import Wall
 from ..model.pairs import describe
+from ..model.segments import segment_parts
 from ..model.shapes import SolidWall
 from .kinds import bonded_kind
 from .pair_spec import longest
@@ -101,8 +102,9 @@ def _segment_text(plan: Plan) -> str:
     segments = plan.scene.segments
     assert segments is not None
     points = "midpoints" if segments.distance == "mid" else "nearest points"
+    many = f"{len(plan.scene.segment_pairs)} bonds{' at the start' * bool(segment_parts(plan.scene)[1])}"
     return (
-        f"segmental repulsion between the {points} of {len(plan.scene.segment_pairs)} bonds: A = {in_number(segments.A, 'force')}, "
+        f"segmental repulsion between the {points} of {many}: A = {in_number(segments.A, 'force')}, "
         f"cutoff {in_length(segments.cutoff)}, compiled"
     )
 

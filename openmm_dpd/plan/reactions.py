@@ -1,16 +1,16 @@
 """Bonds that form and break, as the kernel needs them."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ..kernels.formed import FORMED, both_ways, left_in
+from ..kernels.formed import BeadsOf, Formed, Left, Segments, both_ways
 from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import BondsSpec, ReactionSpec, turn
 from ..model.reactions import bond_sorts, terms_formed, terms_like, terms_taken, types_change
 from ..model.scene import Scene
+from ..model.segments import segment_parts
+from .forces.segments import segment_spec
 from .kinds import bonded_kind
 from .pair_spec import neighbours_change
 
@@ -41,12 +41,21 @@ def bonds_at_start(scene: Scene) -> np.ndarray:
     return np.concatenate([scene.bond_pairs, *(bonds.pairs for bonds in bond_sorts(scene.reactions))])
 
 
-def come_and_go(scene: Scene) -> list[tuple[Any, Callable]]:
+def come_and_go(scene: Scene) -> list[tuple[Any, BeadsOf]]:
     """Angles, dihedrals and impropers that come and go with bonds: one like all of each, and what has their beads, of the table of
     bonds and the bonds at the start."""
-    stays, made = both_ways(scene.bond_pairs, scene.n_beads), [(term, FORMED[term._BEADS[2]]) for term in terms_formed(scene.reactions)]
+    stays, made = (
+        both_ways(scene.bond_pairs, scene.n_beads),
+        list[tuple[Any, BeadsOf]]([(term, Formed(term._BEADS[2])) for term in terms_formed(scene.reactions)]),
+    )
     taken = terms_taken(scene.reactions)
-    return made + [(terms_like(term, term.beads[:1]), partial(left_in, term._BEADS[2], term.beads, stays)) for term in taken]
+    return made + [(terms_like(term, term.beads[:1]), Left(term._BEADS[2], term.beads, stays)) for term in taken]
+
+
+def segments_then(scene: Scene) -> Segments:
+    """What has the beads of all segments, of the table of bonds and the bonds at the start."""
+    stay, sorts = segment_parts(scene)
+    return Segments(stay, tuple(k for k, bonds in enumerate(bond_sorts(scene.reactions)) if any(bonds is each for each in sorts)))
 
 
 def bonds_spec(scene: Scene) -> BondsSpec | None:
@@ -61,11 +70,13 @@ def bonds_spec(scene: Scene) -> BondsSpec | None:
             initial[bead, np.argmin(initial[bead] != 0)] = -1 - k
     moving = come_and_go(scene)
     ones: list[Any] = [*groups, *(term for term, _ in moving)]
-    kernels = [bonded_kind(type(one)).kernel(one.beads.astype(np.uint32), one.coefficients.T.copy()) for one in ones]
+    kernels: list[Any] = [bonded_kind(type(one)).kernel(one.beads.astype(np.uint32), one.coefficients.T.copy()) for one in ones]
     specs = [ReactionSpec(each, [bonds is each.bonds for bonds in sorts].index(True), *_roles(scene, each)) for each in scene.reactions]
     stays, start = (both_ways(pairs, n) for pairs in (scene.bond_pairs, bonds_at_start(scene)))
     factors = scene.bonded_factors if neighbours_change(scene) else None
     neighbours = compressed_exceptions({(i, j): 0.0 for i, j in np.sort(scene.bond_pairs, axis=1).tolist()}, n, factors is not None)
     types = scene.type_ids.copy(), types_change(scene.reactions)
-    bent = tuple(beads_of for _, beads_of in moving)
-    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, bent, *types, factors)
+    bent, segments = list[BeadsOf]([beads_of for _, beads_of in moving]), segment_spec(scene)
+    if segments is not None:
+        kernels, bent = [*kernels, segments], [*bent, segments_then(scene)]
+    return BondsSpec(tuple(specs), tuple(kernels), initial, neighbours, stays, start, tuple(bent), *types, factors)

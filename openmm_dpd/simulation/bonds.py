@@ -15,7 +15,7 @@ from ..kernels.reactions import types_in
 from ..model.reactions import bond_sorts, terms_like, types_change
 from ..plan.pair_spec import neighbour_factors, neighbours_change
 from ..plan.plan import Plan
-from ..plan.reactions import bonds_at_start, come_and_go
+from ..plan.reactions import bonds_at_start, come_and_go, segments_then
 from .fields import raw_bonds
 
 
@@ -52,6 +52,9 @@ def with_bonds(plan: Plan, table: np.ndarray) -> Plan:
     for term, beads_of in come_and_go(plan.scene):
         what = f"{term._BEADS[2]}s"
         keep(scene, **{what: (*getattr(scene, what), terms_like(term, beads_of(table, start).astype(np.int64)))})
+    if scene.segments is not None:
+        beads = segments_then(plan.scene)(table, start)
+        keep(scene, segments=replace(scene.segments, bonds=beads) if len(beads) else None)
     keep(scene, bonds=(*scene.bonds, *(group for group in groups if len(group.pairs))))
     if types_change(scene.reactions):
         types = types_in(table, scene.type_ids, len(groups))

@@ -163,7 +163,7 @@ def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force
 def _pair_function(plan: Plan) -> PairForceFunction:
     """The callable of the PythonForce that evaluates the pair terms."""
     scene, options, execution = plan.scene, plan.options, plan.execution
-    held = extras(scene, plan.overlays, plan.exceptions, execution.held)
+    held = extras(scene, plan.overlays, plan.exceptions, execution.held - ({"segments"} if scene.reactions else set()))
     charges = charge_terms(scene, scene.ewald, plan.charge_exceptions) if "charges" in execution.held else None
     held += () if charges is None else (charges,)
     steps = _step_spec(plan) if execution.looped else None

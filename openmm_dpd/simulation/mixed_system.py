@@ -256,7 +256,7 @@ def _whole(scene: Scene, system: openmm.System, x: np.ndarray, classes: list[str
         velocities = np.concatenate([np.where(mass[:, None] > 0, drawn, 0.0), scene.velocities])
     segments = scene.segments
     if segments is not None and segments.bonds is not None:
-        segments = replace(segments, bonds=segments.bonds + n)
+        segments = replace(segments, bonds=scene.segment_pairs + n)
     return Scene(
         masses={**dict.fromkeys([*sorted(set(names) - {UNSEEN}), UNSEEN], 1.0), **scene.masses},
         types=[*names, *scene.types],

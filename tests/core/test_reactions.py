@@ -109,9 +109,12 @@ def test_forces_energies_and_stresses_are_those_of_bonds_that_stay(angle):
     soft = {("*", "*"): dpd.NONE, ("C", "B"): dpd.RadialPair("soft", {"A": 5.0}, cutoff=0.9)}
     given = {"masses": {"A": 1.0, "B": 2.0, "C": 1.0}} if angle else {}
     hard = {("*", "*"): dpd.DPD(A=25, gamma=4.5), ("C", "B"): dpd.DPD(A=50, gamma=2.0)}
-    given |= {"bonded_factors": (0.0, 0.5, 1.0), "pairs": [hard, soft]} if angle else {}
+    given |= (
+        {"bonded_factors": (0.0, 0.5, 1.0), "pairs": [hard, soft], "segments": dpd.SegmentalRepulsion(40.0, 0.7, "min")} if angle else {}
+    )
     reactions = both(angle=angle, becomes=("C", None)) if angle else both()
-    built = dpd.build(scene(reactions, **given), dt=0.04, platform="CPU", seed=3)
+    segments = {"segments": replace(given["segments"], bonds=[reactions[0].bonds])} if angle else {}
+    built = dpd.build(scene(reactions, **given | segments), dt=0.04, platform="CPU", seed=3)
     simulation = built.simulation()
     simulation.step(37)
     x, v, energy = state(simulation)
@@ -157,9 +160,10 @@ def test_slow_forces_act_beside_the_present_bonds(scheme):
 @pytest.mark.parametrize("scheme", ["middle", "mvv"])
 def test_momentum_is_conserved_and_runs_do_not_depend_on_cuts_threads_or_restarts(scheme):
     reactions = [*both(probability=0.6), dpd.BondFormation(_sort(), ("A", "A"), 0.6, 1, energy=1.0, every=3)]
+    segments = dpd.SegmentalRepulsion(30.0, 0.7, bonds=[reactions[0].bonds])
 
     def start(seed=3):
-        built = dpd.build(scene(reactions), dt=0.04, scheme=scheme, platform="CPU", seed=seed)
+        built = dpd.build(scene(reactions, segments=segments), dt=0.04, scheme=scheme, platform="CPU", seed=seed)
         return built, built.simulation()
 
     built, simulation = start()
@@ -238,7 +242,8 @@ def test_two_threads_make_the_same_bonds():
     for threads in (1, 2):
         set_threads(threads)
         try:
-            built = dpd.build(scene(both(every=(8, 12)), n=1600, edge=8.1), dt=0.04, platform="CPU", seed=3)
+            many = {"n": 1600, "edge": 8.1, "segments": dpd.SegmentalRepulsion(30.0, 0.7)}
+            built = dpd.build(scene(both(every=(8, 12)), **many), dt=0.04, platform="CPU", seed=3)
             simulation = built.simulation()
             simulation.step(60)
             found.append(
@@ -277,6 +282,26 @@ def test_beads_beside_walls_in_a_shear_a_barostat_and_on_reference():
         stays = 0.0 if name != "stay" else float(bonds[0].curve(bonds[0].lengths(x, sample.box))[0].sum())
         assert sample.bond == pytest.approx(energy + stays, rel=1e-9), name
         assert not there & {tuple(pair) for pair in bonds[0].pairs.tolist()} or name != "stay"
+
+
+def test_segments_of_bonds_that_could_break_in_a_shear():
+    """Across images that slide: beads move as with bonds that stay."""
+    x = np.random.default_rng(3).random((N, 3)) * EDGE
+    pairs, turns = np.arange(N).reshape(-1, 2), np.random.default_rng(4).normal(size=(N // 2, 3))
+    x[1::2] = x[::2] + 0.5 * turns / np.linalg.norm(turns, axis=1)[:, None]
+    moving, given = dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, pairs), {"positions": x, "shear": dpd.LeesEdwards(rate=2.0), "A": 0.0}
+    given |= {"segments": dpd.SegmentalRepulsion(60.0, 0.9), "kT": 0.0, "velocities": np.zeros((N, 3))}
+    scenes = (
+        scene([dpd.BondBreaking(moving, beyond=9.0, every=40)], **given),
+        scene([], bonds=[dpd.HarmonicBonds(pairs, **HARMONIC)], **given),
+    )
+    found = []
+    for each in scenes:
+        simulation = dpd.build(each, dt=0.02, platform="CPU", seed=3).simulation()
+        simulation.step(40)
+        found.append(state(simulation)[0])
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+    assert np.abs(found[0] - x).max() > 1.0
 
 
 def test_sorts_do_not_share_valences_and_spent_valences_stay_spent():
@@ -383,6 +408,8 @@ WRONG = {  # Arguments of a formation, or of a scene, and what is said to them.
     "pushed": ({"becomes": (None, None), "body_forces": [dpd.BodyForce((1.0, 0, 0), types="A")]}, "beads cannot change their types"),
     "molecules": ({"molecules": [1, 2]}, "`molecules` of a bond formation have one number for each bead"),
     "counted": ({"bonds": dpd.ReactiveBonds(dpd.HarmonicBonds, HARMONIC, counted=[N])}, "`counted` names a bead of 240 that is not there"),
+    "segments in equilibrium": ({"energy": 1.0, "segments": dpd.SegmentalRepulsion(1.0)}, "so they cannot be among the `segments`"),
+    "other segments": ({"segments": dpd.SegmentalRepulsion(1.0, bonds=[STARTED])}, "none of the `reactions` makes or breaks"),
     "heat": ({"internal": dpd.BeadTemperatures(np.ones(N), np.full(N, 100.0))}, "energies or temperatures of their own"),
 }
 
@@ -423,7 +450,9 @@ def test_terms_go_with_the_first_bond_that_breaks():
 def test_what_cannot_be_is_refused(name):
     changes, message = WRONG[name]
     arguments = {"bonds": _sort(), "types": ("A", "B"), "within": 0.6, "valences": 1, **changes}
-    others = {key: arguments.pop(key) for key in ("kT", "bonded_factors", "bodies", "internal", "body_forces") if key in arguments}
+    others = {
+        key: arguments.pop(key) for key in ("kT", "bonded_factors", "bodies", "internal", "body_forces", "segments") if key in arguments
+    }
     if name == "heat":
         others["pairs"] = {("*", "*"): dpd.EDPD(A=25.0, gamma=4.5, kappa=0.1, cutoff=1.0)}
     stays = arguments.pop("stays", None)

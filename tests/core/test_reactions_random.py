@@ -7,6 +7,7 @@ import numpy as np
 import openmm
 import oracle
 import pytest
+from chains_of_beads import segment_energy
 from openmm import unit
 
 import openmm_dpd as dpd
@@ -47,6 +48,9 @@ class Random:
         charges |= {"pairs": pairs, "bonds": [dpd.HarmonicBonds(self.static, 30.0, 0.4)]}
         self.factors = tuple(rng.choice([0.0, 0.5, 1.0], 3).tolist()) if rng.random() < 0.5 else (1.0, 1.0, 1.0)
         charges["bonded_factors"] = self.factors
+        listed = [None, self.sorts[-1:], self.static][seed % 3]  # bonds that repel each other, in every other scene
+        self.repelling = seed % 4 < 2 and dpd.SegmentalRepulsion(40.0, 0.6, bonds=listed, exclude_adjoining=seed % 4 == 0)
+        charges["segments"] = self.repelling or None
         self.scene = dpd.Scene(dict.fromkeys(names, 1.0), self.types.tolist(), **charges)
         self.scheme, self.threads = SCHEMES[seed % 3], 1 + seed % 2
 
@@ -132,6 +136,10 @@ class Random:
         total = 0.5 * (self.A[kinds[i], kinds[j]] * factors * np.maximum(1.0 - np.linalg.norm(apart(i, j), axis=1), 0.0) ** 2).sum()
         for (i, j), k in [*((pair, 20.0 * (sort + 1)) for pair, sort in self.bonds.items()), *((pair, 30.0) for pair in self.static)]:
             total += k * (np.linalg.norm(apart([i], [j])) - 0.4) ** 2
+        if self.repelling:
+            its, segments = self.repelling.bonds, [] if isinstance(self.repelling.bonds, tuple) else self.static.tolist()
+            segments += [pair for pair, sort in self.bonds.items() if its is None or (isinstance(its, tuple) and self.sorts[sort] in its)]
+            total += segment_energy(x, segments, box, 40.0, 0.6, "mid", not self.repelling.exclude_adjoining) if len(segments) > 1 else 0.0
         there = {*self.bonds, *self.start}
         near = {k: sorted({i + j - k for i, j in there if k in (i, j)}) for k in range(self.n)}
         self.bent = [(i, k, j) for k in near for i in near[k] for j in near[k] if i < j]

@@ -202,6 +202,12 @@ DECK_ERRORS = {
     "other types": (MID, OVERLAY + "\npair_coeff 1 2 srp 80", "coefficients for types 1 2; give them for 2 2"),
     "no coefficient": (MID, "pair_coeff 1 1 dpd 25 4.5\npair_coeff * 2 none", "style srp is used by no type pair"),
     "negative": (MID, OVERLAY.replace("80", "-80"), "in.ours:15: A must be >= 0, but is -80"),
+    "no fix": (
+        SRP[:-1] + "/react 0.8 * mid f",
+        OVERLAY.replace("srp", "srp/react"),
+        "there is no fix bond/create or bond/break with the name f",
+    ),
+    "no name": (SRP[:-1] + "/react 0.8 * mid", OVERLAY.replace("srp", "srp/react"), "expected 'srp/react cutoff bond-type|* mid|min fix"),
     "twice": (SRP + "0.8 * mid srp 0.9 * mid", OVERLAY.replace("srp", "srp 1") + "\npair_coeff 2 2 srp 2 80", "it can be used only once"),
 }
 

@@ -32,6 +32,9 @@ class Planted:
         raise AssertionError("never evaluated")
 
 
+BENT, SORT = dpd.HarmonicAngles([[0, 1, 2]], 1.0, 2.0), dpd.ReactiveBonds(dpd.HarmonicBonds, {"k": 9.0, "r0": 0.5}, [[0, 1], [1, 2]])
+
+
 def opened(path) -> None:
     """A function of some module that is not this package's."""
     path.write_text("run")
@@ -58,6 +61,17 @@ def test_forces_of_this_package_are_read(tmp_path, platform, more):
     assert openmm.XmlSerializer.serialize(dpd.load_xml(path)) == path.read_text()
     with open(path) as file:
         assert dpd.load_xml(file).getNumParticles() == N
+
+
+@cases(
+    "reaction",
+    dpd.BondFormation(SORT, ("W", "W"), within=0.5, valences=1, angle=BENT),
+    dpd.BondBreaking(SORT, beyond=9.0, takes=[BENT]),
+)
+def test_forces_with_bonds_that_form_and_break_are_read(tmp_path, reaction):
+    built = build(reactions=[reaction], segments=dpd.SegmentalRepulsion(A=100.0, cutoff=0.5))
+    path = put(tmp_path / "system.xml", openmm.XmlSerializer.serialize(built.system))
+    assert dpd.load_xml(path).getNumForces() == built.system.getNumForces()
 
 
 @pytest.mark.parametrize("through", ["function", "method of a module", "class"])

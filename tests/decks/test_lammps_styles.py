@@ -45,6 +45,7 @@ WORDS = {  # Words after the name of each style, and those of a coefficient: # i
     "lj/cut/coul/debye": ("2.0 1.5 3.0", "# #"),
     "lj/cut/coul/long": ("1.5 3.0", "# # [#]"),
     "srp": ("0.8 * mid", "# [#]"),
+    "srp/react": ("0.8 * mid grow", "# [#]"),
     "zero": ("1.5", "[#]"),
 }
 

@@ -51,8 +51,9 @@ def _parts(name: str, words: list[str]) -> list[list[str]]:
     parts: list[list[str]] = []
     for word in words:
         is_style = word in PAIR_STYLES
-        own = PAIR_STYLES[parts[-1][0]].words if parts else frozenset()
-        if not is_style and (not parts or not (word in (*MODES, "nocoeff") or word in own or is_number(word))):
+        spec = PAIR_STYLES[parts[-1][0]] if parts else None
+        own = spec is not None and (word in spec.words or (spec.of_bonds and len(parts[-1]) == 4))  # then it may be the name of a fix
+        if not is_style and (not parts or not (word in (*MODES, "nocoeff") or own or is_number(word))):
             read.style(PAIR_STYLES, "pair", word, "none", *HYBRID)
         if is_style:
             parts.append([])

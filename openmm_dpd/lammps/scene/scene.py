@@ -54,6 +54,7 @@ def build_scene(
     atoms, units = state.atoms, state.units
     vectors, shear = box.reduced_vectors * units.length, shear_of(state)
     with errors_at(state.here), read_by(state):
+        reactions = reactions_of(state, state.step if window is None else window.first)
         pairs = scene_pairs(state, pair_tables(state))
         return Scene(
             masses={name: state.masses[k] for name, k in pairs.of_deck.items()},
@@ -66,7 +67,9 @@ def build_scene(
             bead_masses=masses,
             charges=atoms.charges if np.any(atoms.charges) else None,
             **{f"{what}s": bonded_terms(state, what, lasting(state, what)) for what in ("bond", "angle", "dihedral", "improper")},
-            segments=segments_of(state, compat),
+            segments=segments_of(
+                state, compat, {fix.name: each.bonds for fix, each in zip(state.fixes_of(*REACTING), reactions, strict=True)}
+            ),
             bonded_factors=bonded_factors(state),
             mobile=None if mobile.all() else mobile,
             molecules=np.maximum(atoms.molecules, 0) if np.any(atoms.molecules) else None,  # -1 means none, as 0 does
@@ -79,7 +82,7 @@ def build_scene(
             interacting=interacting_beads(state, mobile),
             shear=shear if axes == axes_of(state) else None,
             bodies=bodies_of(state),
-            reactions=reactions_of(state, state.step if window is None else window.first),
+            reactions=reactions,
         )
 
 

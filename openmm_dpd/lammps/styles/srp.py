@@ -1,31 +1,39 @@
-"""Pair style srp: segmental repulsion between bonds, which LAMMPS represents by placeholder particles of an extra type."""
+"""Pair styles srp and srp/react: segmental repulsion between bonds, which LAMMPS represents by placeholder particles of an extra type."""
+
+from functools import partial
 
 import numpy as np
 
 from ...base.errors import ParameterError
 from ...base.units import UnitSystem
+from ...model.reactions import ReactiveBonds
 from ...model.scene import Scene
 from ...model.segments import DISTANCES, SegmentalRepulsion
 from ..language import arguments as read
 from ..state.deck_state import DeckState
 from ..state.pair_setup import Find, PairStyle, Spec, Values
+from ..state.records import FORMING
 from .words import Differences, StyleUse, cutoff_of, exact, no_force
 
 #: Words of the style that are not numbers.
 _WORDS = frozenset(("*", *DISTANCES, "exclude", "bptype", "yes", "no"))
 
 
-def srp_settings(words: list[str]) -> dict:
-    """Parse the arguments of ``srp cutoff btype|* mid|min [exclude yes|no] [bptype N]``."""
-    read.count(words, "srp cutoff bond-type|* mid|min [exclude yes|no] [bptype N]", 3, None)
-    found = {
+def srp_settings(words: list[str], reacting: bool = False) -> dict:
+    """Parse the arguments of ``srp cutoff btype|* mid|min [exclude yes|no] [bptype N]``; after ``mid|min``, ``srp/react`` has the name of a
+    fix."""
+    read.count(
+        words, f"srp{'/react' * reacting} cutoff bond-type|* mid|min {'fix ' * reacting}[exclude yes|no] [bptype N]", 3 + reacting, None
+    )
+    found: dict = {
         "cutoff": read.positive(words[0], "the cutoff of srp"),
         "bond_type": None if words[1] == "*" else read.integer(words[1], "the bond type of srp (or *)", 1),
         "distance": read.choice(words[2], "the distance of srp", DISTANCES),
         "exclude": True,
         "bptype": None,
+        **({"fix": words[3]} if reacting else {}),
     }
-    for keyword, values in read.options(words[3:], {"exclude": 1, "bptype": 1}, "pair_style srp"):
+    for keyword, values in read.options(words[3 + reacting :], {"exclude": 1, "bptype": 1}, "pair_style srp"):
         if keyword == "exclude":
             found["exclude"] = read.switch(values[0], "exclude")
         else:
@@ -41,7 +49,10 @@ def _srp_coefficient(style: PairStyle, words: list[str], _: Find) -> Values:
     return {"A": read.non_negative(words[0], "A")}, cutoff_of(words, 1)
 
 
-STYLES = {"srp": Spec(srp_settings, _srp_coefficient, no_force, words=_WORDS, of_bonds=True)}
+STYLES = {
+    name: Spec(partial(srp_settings, reacting=name != "srp"), _srp_coefficient, no_force, words=_WORDS, of_bonds=True)
+    for name in ("srp", "srp/react")
+}
 
 
 # -- from a scene -------------------------------------------------------------------------------------------------------------
@@ -53,7 +64,7 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
         return None
     kind = "*"
     if segments.bonds is not None:
-        wanted = {tuple(sorted(pair)) for pair in segments.bonds.tolist()}
+        wanted = {tuple(sorted(pair)) for pair in scene.segment_pairs.tolist()}
         types = {tuple(sorted(row[1:])): row[0] for row in bonds.tolist()}
         lacking = sorted(wanted - set(types))
         if lacking:
@@ -77,10 +88,10 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
 
 
 # -- to a scene ---------------------------------------------------------------------------------------------------------------
-def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
-    """The segmental repulsion of the deck; None without pair style srp.  DeckError if its bond type or bptype is out of range, its
-    coefficient is missing or set for another type, or beads have the type bptype."""
-    styles = [style for style in state.pair.styles if style.name == "srp"]
+def segments_of(state: DeckState, compat: str, made: dict[str, ReactiveBonds]) -> SegmentalRepulsion | None:
+    """The segmental repulsion of the deck, beside bonds that fixes make and break, by name; None without pair style srp.  DeckError if its
+    bond type or bptype is out of range, its coefficient is missing or set for another type, or beads have the type bptype."""
+    styles = [style for style in state.pair.styles if style.spec.of_bonds]
     if not styles:
         return None
     style, settings = styles[0], styles[0].settings
@@ -104,7 +115,9 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
     if np.any(state.atoms.types == kind):
         count = int(np.sum(state.atoms.types == kind))
         raise style.error(f"type {kind} is the type of bonds (bptype), but {count} beads have it (LAMMPS would delete them)")
-    coefficient = style.coefficients[(kind, kind)]
+    coefficient, bonds = style.coefficients[(kind, kind)], _segments(state, style, made)
+    if any(str(kind) in (fix.parameters["becomes"] or ()) for fix in state.fixes_of(*FORMING)):
+        raise style.error(f"type {kind} is the type of bonds (bptype), but fix bond/create makes beads of it")
     cutoff = style.cutoff(coefficient)
     assert cutoff is not None
     if compat != "lammps" and settings["distance"] == "min":
@@ -115,15 +128,21 @@ def segments_of(state: DeckState, compat: str) -> SegmentalRepulsion | None:
     if state.units.normalize if state.thermo.norm is None else state.thermo.norm:
         state.note("pair srp: as in LAMMPS, thermo output is not normalised with this style")
         state.thermo.norm = False
-    units = state.units
-    return SegmentalRepulsion(
-        coefficient.values["A"] * units.force, cutoff * units.length, settings["distance"], _segments(state, style), settings["exclude"]
-    )
+    force, length = state.units.force, state.units.length
+    return SegmentalRepulsion(coefficient.values["A"] * force, cutoff * length, settings["distance"], bonds, settings["exclude"])
 
 
-def _segments(state: DeckState, style: PairStyle) -> np.ndarray:
-    """Bead indices of all bonds, or of those of the style's bond type."""
-    kind = style.settings["bond_type"]
+def _segments(state: DeckState, style: PairStyle, made: dict[str, ReactiveBonds]) -> np.ndarray | list[ReactiveBonds] | None:
+    """Bead indices of all bonds, or of those of the style's bond type; or what a fix makes or breaks, alone or with all others (None)."""
+    kind, name = style.settings["bond_type"], style.settings.get("fix")
+    changing = [fix for fix in made if kind in (None, state.fixes[fix].parameters["bond"])]
+    if name is not None and name not in made:
+        raise style.error(f"there is no fix bond/create or bond/break with the name {name}")
+    if changing not in ([], [name]):
+        what = next(fix for fix in changing if fix != name)
+        raise style.error(f"in LAMMPS it does not follow the bonds that fix {what} makes or breaks; srp/react follows those of one fix")
+    if changing:
+        return None if kind is None else [made[changing[0]]]
     if kind is not None and kind > state.n_bond_types:
         raise style.error(f"bond type {kind} is out of range: there are {state.n_bond_types}")
     ids = state.bonds[(state.bonds[:, 0] == kind) if kind is not None else slice(None), 1:]

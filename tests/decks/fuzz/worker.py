@@ -11,7 +11,7 @@ from pathlib import Path
 from .deck import MARK
 
 #: A line of numbers, of titles, of thermo style multi or of yaml.
-_NOISE = re.compile(r"WARNING|^Generated|^Last command|^For more information|^Neighbor list|^Deleted|^\s+update:|^Total wall time")
+_NOISE = re.compile(r"WARNING|^Generated|^Removed|^Last command|^For more information|^Neighbor list|^Deleted|^\s+update:|^Total wall time")
 
 
 def _thermo_of_log(text: str) -> str:
