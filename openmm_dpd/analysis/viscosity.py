@@ -245,7 +245,7 @@ def green_kubo_viscosity(
     Raises
     ------
     ParameterError
-        If a number is out of bounds or missing, or the series is too short.
+        If a number is out of bounds or missing, the series is too short, or the fluid is between walls.
 
     References
     ----------
@@ -257,6 +257,10 @@ def green_kubo_viscosity(
         kT = stress.kT if kT is None else kT
         friction = stress.friction if friction is None else friction
         instantaneous = stress.instantaneous if instantaneous is None else instantaneous
+        if stress.confined:
+            raise ParameterError(
+                "walls or immobile beads take up momentum, so the viscosity is no integral over stresses: couette_viscosity"
+            )
         stress = stress.regular
     if dt is None or volume is None or kT is None:
         raise ParameterError("with stresses in an array, green_kubo_viscosity needs dt, volume and kT as well")

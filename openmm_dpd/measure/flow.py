@@ -34,17 +34,11 @@ class BuiltReporter(Cadence):
         self.built = built
 
 
-def require_whole_stress(plan: Plan, in_slabs: bool = False) -> None:
-    """Raise ParameterError if the stress tensor of a scene is not known, not symmetric, or (not ``in_slabs``) not all of what acts on its
-    beads."""
+def require_whole_stress(plan: Plan) -> None:
+    """Raise ParameterError if the stress tensor of a scene is not known, or not symmetric."""
     require_stress(plan)
-    reason = None
     if any(np.any(getattr(term, "gamma_perp", 0) > 0) for term in plan.spec.terms):
-        reason = "transverse friction makes it asymmetric"
-    elif not in_slabs and (np.any(plan.spec.inv_mass == 0) or plan.scene.walls):
-        reason = "walls take up momentum"
-    if reason is not None:
-        raise ParameterError(f"no stress tensor of this scene: {reason}")
+        raise ParameterError("no stress tensor of this scene: transverse friction makes it asymmetric")
 
 
 class StressReporter(BuiltReporter):
@@ -53,7 +47,8 @@ class StressReporter(BuiltReporter):
     A sample is S = K + sum over pairs, bonds, angles, bonded segments and charges of r F, the pressure tensor times the volume, in
     kJ/mol.  K is the sum of m v v, corrected for the error of the scheme's velocities at whole steps (:doc:`/theory`).  The random force
     is left out: its contribution to a viscosity is known beforehand (:doc:`/theory_flow`), and that to a pressure is zero on average.  In
-    a Lees-Edwards shear, velocities are relative to the flow.
+    a Lees-Edwards shear, velocities are relative to the flow.  Between walls it is that of the fluid, and of immobile beads with it,
+    without what acts on single beads, and in the volume of the whole box.
 
     Sums are in double precision on the host, from the positions and velocities of the run; the reporter does not change the run.  A sample
     costs an extra pass over the pairs.  Where there are bonds or other forces, the state is copied as well; charges add a direct sum over
@@ -64,7 +59,7 @@ class StressReporter(BuiltReporter):
     interval : int
         Steps between samples; 1 or 2 for a correlation function.
     built : BuiltSystem
-        A built periodic scene whose beads all move.  Pair terms may be DPD with radial friction, many-body DPD, Lennard-Jones and
+        A built periodic scene.  Pair terms may be DPD with radial friction, many-body DPD, Lennard-Jones and
         tabulated potentials; bonds, angles, segmental repulsion and charges are supported.
 
     Raises
@@ -135,6 +130,11 @@ class StressReporter(BuiltReporter):
     def rates(self) -> np.ndarray:
         """(n,) shear rate at each sample, 1/ps; 0 without a shear."""
         return np.array([row[5] for row in self._rows])
+
+    @property
+    def confined(self) -> bool:
+        """Whether walls or immobile beads take up momentum."""
+        return bool(np.any(self.built.plan.spec.inv_mass == 0) or self.built.plan.scene.walls)
 
     @property
     def instantaneous(self) -> float:

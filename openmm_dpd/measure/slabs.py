@@ -15,6 +15,13 @@ from .of_beads import pair_terms
 from .present import Present
 from .stress_parts import BondedStress, beside_pairs
 
+#: Why the stress of some terms has no place.
+_NOWHERE = {
+    **dict.fromkeys(("dihedrals", "impropers"), "as forces between pairs of their beads it diverges where all four lie in a plane"),
+    "electrostatics": "the waves of charges lie on no line between beads",
+    "segments": "the points where bonds touch are no beads",
+}
+
 
 class SlabStressReporter(BuiltReporter):
     r"""Reporter that records the pressure tensor in slabs, by Irving and Kirkwood's path along the line between two beads.
@@ -42,8 +49,7 @@ class SlabStressReporter(BuiltReporter):
     Raises
     ------
     ParameterError
-        If the scene has no stress tensor, or dihedrals, impropers, charges or segments: how their stress is spread between beads is not
-        unique, or not known.
+        If the scene has no stress tensor, or dihedrals, impropers, charges or segments, with the reason.
 
     References
     ----------
@@ -52,14 +58,14 @@ class SlabStressReporter(BuiltReporter):
 
     def __init__(self, interval: int, built: BuiltSystem, axis: str = "z", bins: int = 50):
         super().__init__(interval, built)
-        require_whole_stress(built.plan, in_slabs=True)
+        require_whole_stress(built.plan)
         scene, self._axis = built.plan.scene, axis_number(axis)
         require_plain_axis(scene.box, AXES[self._axis], "a profile of pressures")
         if scene.shear is not None and AXES[self._axis] == "x":
             raise ParameterError("axis must be 'y' or 'z' in a Lees-Edwards shear, whose images slide along x")
-        for name in ("dihedrals", "impropers", "electrostatics", "segments"):
+        for name, reason in _NOWHERE.items():
             if getattr(scene, name) or name in [f"{term._BEADS[2]}s" for term, _ in come_and_go(scene)]:
-                raise ParameterError(f"the stress of {name} is not known in slabs; StressReporter has that of the whole box")
+                raise ParameterError(f"the stress of {name} is not known in slabs: {reason}; StressReporter has that of the whole box")
         self._cut, self._present = slicer(axis, bins, None, scene.bead_masses, "bins"), Present(built)
         self._rows: list[np.ndarray] = []
         self._extents: list[np.ndarray] = []

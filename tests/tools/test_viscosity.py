@@ -77,7 +77,6 @@ STILL, WARM = np.zeros((81, 3)), {("W", "W"): dpd.EDPD(A=18.75, gamma=4.5, kappa
     "scene, message",
     (beads(box=None), "no periodic box"),
     (beads(table={("W", "W"): dpd.DPD(A=25, gamma_perp=1)}), "asymmetric"),
-    (beads(mobile=np.arange(81) > 0, velocities=STILL), "walls take up momentum"),
     (beads(table=WARM, internal=dpd.BeadTemperatures(np.ones(81), 100.0), velocities=STILL), "energies, temperatures"),
 )
 def test_refused_scenes(scene, message):
