@@ -132,6 +132,48 @@ def test_bodies_move_as_lammps_moves_them(tmp_path, fix):
         np.testing.assert_allclose(ours[1:, 4], rows[1:, 4], rtol=2e-3)
 
 
+def with_unseen_mass() -> tuple[str, str, str]:
+    """The data file, the same with one bead more in the first lump, which is heavy and exerts no force, and the ``infile`` in its place."""
+    head, _, rest = data_file().replace("3 atom types", "4 atom types").replace("3 1.0\n", "3 1.0\n4 30.0\n").partition("molecular\n\n")
+    atoms, speeds = (part.splitlines() for part in rest.split("\n\nVelocities\n\n"))
+    rows, rng = np.array([line.split() for line in atoms[:5]], dtype=float), np.random.default_rng(8)
+    x, m = rows[:, 3:6] + EDGE * rows[:, 6:9], np.append(np.where(rows[:, 2] == 1, 1.0, 7.5), 30.0)
+    x = np.vstack([x, x.mean(axis=0) + 0.7 * rng.normal(size=3)])
+    centre, speed, spin = m @ x / m.sum(), rng.normal(size=3), 2 * rng.normal(size=3)
+    arms = np.sqrt(m)[:, None] * (x - centre)
+    inertia = np.sum(arms**2) * np.eye(3) - arms.T @ arms
+    moving = [f"{k + 1} {' '.join(map(repr, row.tolist()))}" for k, row in enumerate(speed + np.cross(spin, x - centre))]
+    last, at = len(atoms) + 1, x[5] % EDGE
+    unseen = f"{last} 1 4 {' '.join(map(repr, at.tolist()))} {' '.join(map(str, np.rint((x[5] - at) / EDGE).astype(int)))}"
+    files = []
+    for more, v in (((), ()), ((unseen,), (f"{last} {moving[5].partition(' ')[2]}",))):
+        text = head.replace(f"{last - 1} atoms", f"{last - 1 + len(more)} atoms") + "molecular\n\n" + "\n".join([*atoms, *more])
+        files.append(text + "\n\nVelocities\n\n" + "\n".join([*moving[:5], *speeds[5:], *v]) + "\n")
+    tensor = [inertia[a, b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    row = " ".join(f"{value:.17g}" for value in [m.sum(), *centre, *tensor, *speed, *(inertia @ spin)])
+    return *files, f"1\n1 {row} 0 0 0\n"
+
+
+@lammps_peer.needed()
+def test_the_pressure_of_given_bodies_is_that_of_lammps_where_a_bead_without_forces_has_their_mass(tmp_path):
+    """LAMMPS's own with ``infile`` is another one: it takes the forces that hold a body from the masses of its beads, at their places."""
+    deck = DECK.replace("* * 25.0 4.5 1.0", "1*3 1*3 25.0 4.5 1.0\npair_coeff * 4 0.0 0.0").replace("stiff type 1 2", "stiff type 1 2 4")
+    few, whole, given = with_unseen_mass()
+    for name, data, fix in (("lammps", whole, ""), ("infile", few, " infile given.txt"), ("ours", few, " infile given.txt")):
+        folder = tmp_path / name
+        folder.mkdir()
+        put(folder / "data.bodies", data)
+        put(folder / "given.txt", given)
+        text = deck.replace("FIX", f"fix b stiff rigid/nve molecule{fix}")
+        if name == "ours":
+            run_deck(put(folder / "in.bodies", text), RunOptions(platform="Reference", threads=1), out=folder)
+        else:
+            theirs(folder, text)
+    expected, theirs_given, ours = (rows_of(tmp_path / name)[1:, 4] for name in ("lammps", "infile", "ours"))
+    np.testing.assert_allclose(ours, expected, rtol=2e-3)
+    assert np.abs(theirs_given / expected - 1).max() > 0.02
+
+
 @lammps_peer.needed()
 @cases("style", "rigid", pytest.param("rigid/small", marks=pytest.mark.slow))
 def test_an_iteration_of_lammps_and_the_splitting_here_differ_to_second_order(tmp_path, style):
