@@ -70,9 +70,17 @@ FORMED = {"angle": angles_in, "dihedral": dihedrals_in, "improper": impropers_in
 ARMS = {"angle": ((0, 1), (1, 2)), "dihedral": ((0, 1), (1, 2), (2, 3)), "improper": ((0, 1), (0, 2), (0, 3))}
 
 
-def left_of(what: str, beads: np.ndarray, stays: np.ndarray, table: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Which terms with these beads (K, 3 or 4) have lost none of the bonds along them that there were at the ``start``."""
-    gone, n = np.setdiff1d(start, bonds_now(table, stays)), np.int64(len(table))
+def of_sorts(pairs: list[np.ndarray], n: int) -> np.ndarray:
+    """Bonds (B, 2) of n beads as numbers, of each sort: n^2 sort more than :func:`both_ways` has."""
+    return np.concatenate([np.zeros(0, np.int64), *(both_ways(its, n) + k * n * n for k, its in enumerate(pairs))])
+
+
+def left_of(what: str, beads: np.ndarray, first: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """Which terms with these beads (K, 3 or 4) have lost none of the bonds along them that there were at ``first`` (:func:`of_sorts`); one
+    of another sort between the same beads is another one."""
+    n, (i, place) = np.int64(len(table)), np.nonzero(table > 0)
+    sort, partner = np.divmod(table[i, place] - 1, n)
+    gone = np.setdiff1d(first, (sort * n + i) * n + partner) % (n * n)
     return ~np.any([np.isin(beads[:, a] * n + beads[:, b], gone) for a, b in ARMS[what]], axis=0)
 
 
@@ -99,10 +107,10 @@ class Left:
 
     what: str
     beads: np.ndarray
-    stays: np.ndarray
+    first: np.ndarray
 
     def __call__(self, table: np.ndarray, start: np.ndarray) -> np.ndarray:
-        return self.beads[left_of(self.what, self.beads, self.stays, table, start)].astype(np.uint32)
+        return self.beads[left_of(self.what, self.beads, self.first, table)].astype(np.uint32)
 
 
 @dataclass(frozen=True, eq=False)

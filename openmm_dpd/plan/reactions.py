@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.formed import BeadsOf, Formed, Left, Segments, both_ways
+from ..kernels.formed import BeadsOf, Formed, Left, Segments, both_ways, of_sorts
 from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import BondsSpec, ReactionSpec, turn
 from ..model.reactions import bond_sorts, terms_formed, terms_like, terms_taken, types_change
@@ -44,12 +44,11 @@ def bonds_at_start(scene: Scene) -> np.ndarray:
 def come_and_go(scene: Scene) -> list[tuple[Any, BeadsOf]]:
     """Angles, dihedrals and impropers that come and go with bonds: one like all of each, and what has their beads, of the table of
     bonds and the bonds at the start."""
-    stays, made = (
-        both_ways(scene.bond_pairs, scene.n_beads),
-        list[tuple[Any, BeadsOf]]([(term, Formed(term._BEADS[2])) for term in terms_formed(scene.reactions)]),
-    )
-    taken = terms_taken(scene.reactions)
-    return made + [(terms_like(term, term.beads[:1]), Left(term._BEADS[2], term.beads, stays)) for term in taken]
+    first = of_sorts([bonds.pairs for bonds in bond_sorts(scene.reactions)], scene.n_beads)
+    found: list[tuple[Any, BeadsOf]] = [(term, Formed(term._BEADS[2])) for term in terms_formed(scene.reactions)]
+    for term in terms_taken(scene.reactions):
+        found.append((terms_like(term, term.beads[:1]), Left(term._BEADS[2], term.beads, first)))
+    return found
 
 
 def segments_then(scene: Scene) -> Segments:

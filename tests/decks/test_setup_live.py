@@ -228,6 +228,8 @@ DECKS |= {
     "terms that go with bonds": MOLECULES
     + "molecule s star.txt\ncreate_atoms 0 random 12 17 box mol s 18\nmolecule c chain.txt\ncreate_atoms 0 random 15 37 box mol c 18\n"
     "fix t all bond/break 5 1 0.85\nfix u all bond/break 7 2 0.8\n",
+    "terms of bonds in whose places others come": MOLECULES
+    + "special_bonds lj/coul 1 1 1\nfix t all bond/break 3 1 0.75\nfix g all bond/create 4 1 2 0.95 2 iparam 1 1 jparam 2 2\n",
     "any number of bonds": FORMING + "fix g all bond/create 2 1 3 0.7 1\nfix h all bond/create 3 2 3 0.6 2 iparam 2 2 jparam 0 1\n",
     "bonds between molecules and in one": FORMING
     + "fix g all bond/create 2 1 3 0.8 1 iparam 3 1 jparam 2 3 molecule intra\nfix h all bond/create 3 2 3 0.7 2 molecule inter\n"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ParameterError
-from ...kernels.formed import ARMS, FORMED, bonds_in, both_ways, left_of
+from ...kernels.formed import ARMS, FORMED, bonds_in, both_ways, left_of, of_sorts
 from ...kernels.reactions import counts_in
 from ...model.bonds import HarmonicBonds
 from ...model.reactions import BondBreaking, BondFormation, ReactiveBonds
@@ -208,7 +208,8 @@ def reactions_of(state: DeckState, step: int) -> list[BondFormation | BondBreaki
 def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> None:
     """Give the deck the bonds of a table, see :mod:`openmm_dpd.kernels.reactions`, the angles and dihedrals that have come with them, and
     the types of the beads."""
-    sorts = _sorts(state)
+    sorts, place, n = _sorts(state), state.atoms.index_of, len(state.atoms)
+    first = of_sorts([place(_bonds(state, *sort)[0].ravel()).reshape(-1, 2) for sort in sorts], n)
     rows = [state.bonds[~np.isin(state.bonds[:, 0], [kind for kind, _ in sorts])]]
     for k, (kind, maker) in enumerate(sorts):
         counts = counts_in(table, k)
@@ -220,11 +221,10 @@ def take_bonds(state: DeckState, table: np.ndarray, types: Sequence[str]) -> Non
         if maker:
             state.fixes[maker].parameters["noted"] = ids, np.repeat(state.atoms.ids, (table == -1 - k).sum(axis=1))
     state.bonds, state.atoms.types = np.concatenate(rows), np.array([*map(int, types)])
-    place, n = state.atoms.index_of, len(state.atoms)
-    stays, start = (both_ways(place(its[:, 1:].ravel()).reshape(-1, 2), n) for its in (lasting(state, "bond"), at_start(state, "bond")))
+    start = both_ways(place(at_start(state, "bond")[:, 1:].ravel()).reshape(-1, 2), n)
     for what, width in _TERMS:
         its = at_start(state, what)[_going(state, what)]
-        its = its[left_of(what, place(its[:, 1:].ravel()).reshape(-1, width), stays, table, start)]
+        its = its[left_of(what, place(its[:, 1:].ravel()).reshape(-1, width), first, table)]
         setattr(state, f"{what}s", np.concatenate([lasting(state, what), its]))
         number = next((fix.parameters[what] for fix in state.fixes_of(*FORMING)), 0)
         if number and getattr(state, what).style != "none":

@@ -19,6 +19,7 @@ from .moving import moving
 from .output import output
 from .pairs import pairs
 from .published import published
+from .reacting import reacting
 from .restarts import restarts
 from .runs import runs
 from .setup import setup
@@ -33,6 +34,7 @@ AREAS: dict[str, tuple[float, Callable[[Draw], Deck]]] = {  # Areas by name: wei
     "pairs": (2.0, pairs),
     "bonded": (1.5, bonded),
     "bodies": (0.5, bodies),
+    "reacting": (0.5, reacting),
     "meso": (1.0, meso),
     "charges": (0.5, charges),
     "flow": (1.0, flow),
