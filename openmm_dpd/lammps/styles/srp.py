@@ -114,7 +114,7 @@ def segments_of(state: DeckState, compat: str, made: dict[str, ReactiveBonds]) -
             )
     if np.any(state.atoms.types == kind):
         count = int(np.sum(state.atoms.types == kind))
-        raise style.error(f"type {kind} is the type of bonds (bptype), but {count} beads have it (LAMMPS would delete them)")
+        raise style.error(f"type {kind} is the type of bonds (bptype), but {count} beads have it: LAMMPS deletes them; use delete_atoms")
     coefficient, bonds = style.coefficients[(kind, kind)], _segments(state, style, made)
     if any(str(kind) in (fix.parameters["becomes"] or ()) for fix in state.fixes_of(*FORMING)):
         raise style.error(f"type {kind} is the type of bonds (bptype), but fix bond/create makes beads of it")
