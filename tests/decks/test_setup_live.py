@@ -250,6 +250,10 @@ TEARING = "special_bonds lj/coul 0 1 1\ncreate_bonds many all all 2 0.0 0.6\nspe
 DECKS |= {
     "segments of all bonds, some form": FORMING + GROWING + SEGMENTS.format("srp/react 0.8 * mid g", "srp/react"),
     "segments of bonds that form": FORMING + GROWING + SEGMENTS.format("srp/react 0.8 2 mid g exclude no", "srp/react"),
+    "beads of the type of segments": FORMING
+    + "create_atoms 4 random 25 5 NULL\n"
+    + GROWING
+    + SEGMENTS.format("srp/react 0.8 * mid g", "srp/react"),
     "segments of bonds that stay": FORMING + GROWING + SEGMENTS.format("srp 0.8 1 mid", "srp"),
     "segments of bonds that break": FORMING + TEARING.format(2) + SEGMENTS.format("srp/react 0.8 2 mid t", "srp/react"),
     "segments of all bonds, some break": FORMING + TEARING.format(2) + SEGMENTS.format("srp/react 0.8 * mid t exclude yes", "srp/react"),

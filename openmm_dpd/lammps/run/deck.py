@@ -26,6 +26,7 @@ from ..scene.flow import held_beads
 from ..scene.integration import Integration, integration
 from ..state.deck_state import DeckState
 from ..state.records import DAMPED, StoppingRule
+from ..styles.srp import without_beads_of_bonds
 from .request import RunRequest
 
 _LOGGER = logging.getLogger("openmm_dpd")
@@ -166,6 +167,7 @@ def _extent(deck: DeckState, args: list[str]) -> tuple[int, int | None, int | No
 def _run(deck: DeckState, steps: int, begin: int | None, end: int | None) -> Iterator[RunRequest]:
     """Yield one run, and count it after it has been carried out."""
     deck.settle("run")
+    without_beads_of_bonds(deck)
     request = RunRequest.of(deck, steps, integration(deck), begin, end)
     if deck.first_run is None:
         deck.first_run = request
@@ -191,6 +193,7 @@ def minimize(deck: DeckState, args: list[str]) -> Iterator[RunRequest]:
         _LOGGER.warning("%s:%d: %s", *((deck.here.file, deck.here.number) if deck.here else (deck.path, 0)), note)
         return
     deck.settle("minimize")
+    without_beads_of_bonds(deck)
     if deck.min_style in DAMPED:
         deck.atoms.velocities = np.zeros_like(deck.atoms.velocities)
     yield replace(RunRequest.of(deck, 0, Integration("mvv", 0.5, ~held_beads(deck))), minimization=rule)

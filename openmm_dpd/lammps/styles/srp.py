@@ -87,6 +87,19 @@ def segment_use(scene: Scene, units: UnitSystem, bonds: np.ndarray, n_types: int
     return StyleUse("srp", settings, {("*", "*"): f"{exact(segments.A / units.force)} {reach}"}, segments.cutoff)
 
 
+# -- at the start of a run ----------------------------------------------------------------------------------------------------
+def without_beads_of_bonds(state: DeckState) -> None:
+    """Delete beads of the type of bonds (bptype), which LAMMPS wrote there for bonds, unless bonds join them."""
+    kinds = [style.settings["bptype"] or state.n_types for style in state.pair.styles if style.spec.of_bonds]
+    doomed = np.isin(state.atoms.types, kinds)
+    if not doomed.any() or np.isin(state.bonds[:, 1:], state.atoms.ids[doomed]).any():
+        return
+    state.note(f"{np.count_nonzero(doomed)} beads of the type {kinds[0]} of bonds (bptype) are deleted, as in LAMMPS")
+    state.atoms.vacate(doomed)
+    state.atoms.take(np.flatnonzero(~doomed))
+    state.groups = {name: mask[~doomed] for name, mask in state.groups.items()}
+
+
 # -- to a scene ---------------------------------------------------------------------------------------------------------------
 def segments_of(state: DeckState, compat: str, made: dict[str, ReactiveBonds]) -> SegmentalRepulsion | None:
     """The segmental repulsion of the deck, beside bonds that fixes make and break, by name; None without pair style srp.  DeckError if its
@@ -114,7 +127,7 @@ def segments_of(state: DeckState, compat: str, made: dict[str, ReactiveBonds]) -
             )
     if np.any(state.atoms.types == kind):
         count = int(np.sum(state.atoms.types == kind))
-        raise style.error(f"type {kind} is the type of bonds (bptype), but {count} beads have it: LAMMPS deletes them; use delete_atoms")
+        raise style.error(f"type {kind} is the type of bonds (bptype), but {count} beads have it, which bonds join")
     coefficient, bonds = style.coefficients[(kind, kind)], _segments(state, style, made)
     if any(str(kind) in (fix.parameters["becomes"] or ()) for fix in state.fixes_of(*FORMING)):
         raise style.error(f"type {kind} is the type of bonds (bptype), but fix bond/create makes beads of it")
