@@ -1,6 +1,7 @@
 """Rigid bodies in the standard fluid: temperatures of their translation and rotation, and what they cost.
 
 python docs/measure/bodies.py temperatures sphere --gamma 40.5 --dt 0.05 --samples 20000
+python docs/measure/bodies.py depletion
 python docs/measure/bodies.py cost
 """
 
@@ -44,22 +45,25 @@ def scene(
     return dpd.Scene({"C": 1.0, "W": 1.0}, types, x, pairs, 1.0, box=[edge] * 3, bead_masses=mass, bodies=bodies)
 
 
-def temperatures(shape: str, gamma: float, dt: float, samples: int, every: int, scheme: str) -> None:
-    """Print the temperatures of translation, rotation and of the fluid, without what the total momentum takes."""
-    of = scene(*SHAPES[shape], gamma)
+def temperatures(shape: str, gamma: float, dt: float, samples: int, every: int, scheme: str, count: int) -> None:
+    """Print the temperatures of translation, rotation and of the fluid, without what the total momentum takes.
+
+    More bodies take the places of free beads.
+    """
+    of = scene(*SHAPES[shape], gamma, free=FREE - len(SHAPES[shape][0]) * (count - BODIES), count=count)
     simulation = dpd.build(of, dt=dt, scheme=scheme, seed=7, platform="CPU").simulation()
     simulation.minimizeEnergy(maxIterations=50)
-    simulation.step(1000)
+    simulation.step(5000)
     n, m, total, rows = len(SHAPES[shape][0]), SHAPES[shape][1], of.bead_masses.sum(), []
     inertia = 3 - of.shapes[0].in_line
     for _ in range(samples):
         simulation.step(every)
         v = np.array(simulation.context.getState(velocities=True).getVelocities(asNumpy=True)._value)
-        its = v[: n * BODIES].reshape(BODIES, n, 3)
+        its = v[: n * count].reshape(count, n, 3)
         centre = np.einsum("k,bka->ba", m, its) / m.sum()
-        turning = np.einsum("k,bka,bka->", m, its - centre[:, None], its - centre[:, None]) / (inertia * BODIES)
+        turning = np.einsum("k,bka,bka->", m, its - centre[:, None], its - centre[:, None]) / (inertia * count)
         going = np.mean(centre**2) / (1 / m.sum() - 1 / total)
-        rows.append((going, turning, np.mean(v[n * BODIES :] ** 2) / (1 - 1 / total)))
+        rows.append((going, turning, np.mean(v[n * count :] ** 2) / (1 - 1 / total)))
     found = [block_average(column) for column in np.array(rows).T]
     print(f"{shape} {scheme} gamma {gamma:g} dt {dt:g}: " + ", ".join(f"{a.mean:.4f} +- {a.sem:.4f}" for a in found), flush=True)
 
@@ -161,23 +165,66 @@ def diffusion(dt: float, frames: int, lags: list[int], friction: float, lammps: 
         print(f"{'LAMMPS' if lammps else 'here'} dt {dt:g}, from {FRAME * short:g} to {FRAME * long:g}: {text}", flush=True)
 
 
+def depletion(distances: list[float], steps: int, every: int = 20) -> None:
+    """Print the mean force by which a fluid pushes apart two held hollow spheres, less what their beads do to each other; and the pressure of
+    that fluid."""
+    box, shell, gone = np.array([12.0, 6.0, 6.0]), body_shape("shell", RADIUS, 0.45), []
+    n, pairs = len(shell), {("*", "*"): dpd.DPD(A=25, gamma=4.5)}
+    free = np.random.default_rng(3).random((round(3.0 * box.prod()), 3)) * box
+    for distance in distances:
+        centres = 0.5 * box + [[-0.5 * distance, 0, 0], [0.5 * distance, 0, 0]]
+        spheres = [shell + centres[0], shell * [-1, 1, 1] + centres[1]]
+        fluid = free[np.min([np.linalg.norm(free - centre, axis=1) for centre in centres], axis=0) > RADIUS]
+        bodies = [dpd.Body(range(n * k, n * k + n), moves="", turns=False) for k in range(2)]
+        types, x = ["C"] * (2 * n) + ["W"] * len(fluid), np.concatenate([*spheres, fluid])
+        of = relax(dpd.Scene({"C": 1.0, "W": 1.0}, types, x, pairs, 1.0, box=box, bodies=bodies), iterations=50)
+        apart = spheres[1][:, None] - spheres[0][None]
+        r = np.linalg.norm(apart, axis=2)
+        direct = np.sum(25 * np.maximum(1 - r, 0) * apart[:, :, 0] / r)
+        simulation, rows = dpd.build(of, dt=0.05, scheme="middle", seed=3, platform="CPU").simulation(), []
+        simulation.step(2000)
+        for _ in range(steps // every):
+            simulation.step(every)
+            state = simulation.context.getState(forces=True, positions=True)
+            force, place = (each._value[:, 0] for each in (state.getForces(asNumpy=True), state.getPositions(asNumpy=True)))
+            rows.append((0.5 * (force[n : 2 * n].sum() - force[:n].sum()) - direct, np.mean(np.abs(place - 12 * np.rint(place / 12)) < 1)))
+        pushed, far = (block_average(column) for column in np.array(rows).T)
+        gone.append(far.mean * len(x) / (2 * box[1] * box[2]))
+        print(f"distance {distance:g}: {pushed.mean:.2f} +- {pushed.sem:.2f}; density far away {gone[-1]:.4f}", flush=True)
+    x = np.random.default_rng(4).random((round(np.mean(gone) * 512), 3)) * 8
+    built = dpd.build(dpd.Scene({"W": 1.0}, ["W"] * len(x), x, pairs, 1.0, box=[8.0] * 3), dt=0.05, scheme="middle", seed=3, platform="CPU")
+    simulation, observer = built.simulation(), dpd.Observer(built)
+    simulation.step(2000)
+    found = []
+    for _ in range(steps // (5 * every)):
+        simulation.step(every)
+        found.append(observer.sample(simulation.context).pressure())
+    mean = block_average(np.array(found))
+    print(f"pressure at the density {len(x) / 512:.4f}: {mean.mean:.3f} +- {mean.sem:.3f}")
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["temperatures", "diffusion", "cost"])
+    parser.add_argument("what", choices=["temperatures", "diffusion", "depletion", "cost"])
     parser.add_argument("shape", nargs="?", choices=SHAPES, default="sphere")
     parser.add_argument("--gamma", type=float, default=4.5)
     parser.add_argument("--dt", type=float, default=0.05)
     parser.add_argument("--samples", type=int, default=20000)
     parser.add_argument("--every", type=int, default=4)
     parser.add_argument("--scheme", default="bababo")
+    parser.add_argument("--bodies", type=int, default=BODIES)
     parser.add_argument("--frames", type=int, default=4000)
     parser.add_argument("--lags", type=int, nargs="+", default=[4, 16, 48])
     parser.add_argument("--friction", type=float, default=18.0)
+    parser.add_argument("--distances", type=float, nargs="+", default=[2.6, 2.8, 3.0, 3.2, 3.4, 3.8])
+    parser.add_argument("--steps", type=int, default=60000)
     parser.add_argument("--lammps", action="store_true")
     given = parser.parse_args()
     if given.what == "cost":
         cost()
+    elif given.what == "depletion":
+        depletion(given.distances, given.steps)
     elif given.what == "diffusion":
         diffusion(given.dt, given.frames, given.lags, given.friction, given.lammps)
     else:
-        temperatures(given.shape, given.gamma, given.dt, given.samples, given.every, given.scheme)
+        temperatures(given.shape, given.gamma, given.dt, given.samples, given.every, given.scheme, given.bodies)
