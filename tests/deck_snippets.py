@@ -232,7 +232,11 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "setforce": deck(before="group one id 1 2\nfix hold one setforce 0 NULL 0"),
         "enforce2d": deck("flat", "fix plane all enforce2d\nset atom 3 vz 0.4\n" + averaged("c_thermo_temp", "c_thermo_press[1]")),
         "wall/reflect": deck(head="boundary p p f", before="fix wall all wall/reflect zlo EDGE zhi EDGE"),
-        "deform": deck("tilted", "compute c all msd\ndump d all custom 2 d.txt id x ix vx xu\n" + averaged("c_c[1]", "c_thermo_press[4]")),
+        "deform": deck(
+            "tilted",
+            "unfix move\nfix move all nvt temp 1 0.5 0.2\ncompute c all msd\ndump d all custom 2 d.txt id x ix vx xu\n"
+            + averaged("c_c[1]", "c_thermo_press[4]"),
+        ),
         "balance": deck(before="fix b all balance 5 1.1 shift x 5 1.1"),
         "npt": deck(before="unfix move\nfix move all npt temp 1.0 2.0 0.5 x 20.0 30.0 1.0 y 25 25 0.7 tchain 2\n" + averaged("f_move")),
         "nvt": deck(before="unfix move\nfix move all nvt temp 1.0 0.5 0.1 tchain 2\n" + averaged("f_move", "f_move[3]")),

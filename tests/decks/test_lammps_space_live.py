@@ -261,6 +261,8 @@ run 20 {1}
     ("all deform 1 x final 0 5.5 y volume z volume units box", ""),
     ("g deform 2 x erate 0.5", ""),
     ("all deform 1 x erate 0.5 yz erate 0.2 remap none", ""),
+    ("all deform 1 x erate 0.5\nunfix 1\nfix 1 all nvt temp 1 0.5 0.2\nfix v all viscous 0.3\nfix f all addforce 0.5 0 0.1", ""),
+    ("all deform 2 y scale 0.9 xy delta 0.3\nfix b all langevin 0 0 0.3 77\nfix r all temp/rescale 3 1.0 0.5 0.02 0.5", ""),
 )
 def test_changing_boxes(tmp_path, deform, ramp):
     same_rows(tmp_path, MOVING.format(deform, ramp), 15)
@@ -282,6 +284,8 @@ def test_changing_boxes(tmp_path, deform, ramp):
     ("all deform 1 x erate 1\nfix e all deform 1 y erate 1", "fix e: deform cannot be combined with fix deform"),
     ("all deform 1 x erate 1\ncompute t all temp/deform", "compute temp/deform needs a fix deform with remap v"),
     ("all deform 1 x erate 1\nvariable a atom x\nfix a all addforce v_a 0 0", "fix a: a variable force cannot follow"),
+    ("all deform 1 x erate 1\nregion r block 0 2 0 2 0 2\nfix a all addforce 1 0 0 region r", "fix a: a variable force cannot follow"),
+    ("all deform 1 x erate 1\nunfix 1\nfix a all nve/limit 0.1", "fix a: nve/limit cannot follow"),
     ("all deform 1 x scale 0.3", "step 16: .*the cutoff"),
     ("all deform 1 xy delta 3", "step 12: the box would be tilted by more than half an edge"),
 )

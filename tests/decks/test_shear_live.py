@@ -122,6 +122,25 @@ def test_sheared_beads_go_where_those_of_lammps_go(gamma, runs, plane, tmp_path)
     assert len(np.unique(one[-1, :, 7])) > 2
 
 
+@pytest.mark.parametrize(
+    ("plane", "bath"),
+    [
+        ("xy", "fix 1 all nvt temp 1.0 0.5 0.2"),
+        ("xz", "fix 1 all nvt temp 1.5 1.5 0.1\nfix_modify 1 temp d"),
+        ("yz", "fix 1 all nve\nfix 3 all temp/berendsen 0.5 2.0 0.1\nfix_modify 3 temp d\nfix 4 all viscous 0.5 scale 2 2"),
+        ("xz", "fix 1 all nve\nfix 3 all langevin 0.0 0.0 0.3 77 tally yes scale 2 0.5"),
+    ],
+)
+def test_thermostats_see_the_flow_as_in_lammps(plane, bath, tmp_path):
+    """On velocities with the flow, or relative to it, in any plane: rows and what the bath has taken, to 1e-7, until the box first flips."""
+    deck, titles = DECK.replace("fix 1 all nve\n", "").replace("fix 2 all", "{bath}\nfix 2 all"), TITLES + " ecouple"
+    parts = {"beads": beads(8), "gamma": 4.5, "rate": RATE, "titles": titles, "bath": bath}
+    theirs = by_lammps(tmp_path / "lammps", in_plane(deck.format(tilt=0.0, **parts), plane) + 'print "=== run"\nrun 40\n')
+    ours = by_us(tmp_path / "ours", in_plane(deck.format(tilt=-RATE * HEIGHT * DT, **parts), plane) + "run 40\n", platform="CPU")
+    a, b = (rows_of(rows, len(titles.split())) for rows in (theirs, ours))
+    assert a.shape == b.shape == (5, len(titles.split())) and (np.abs(a - b) < 1e-7 * np.abs(a).max(axis=0)).all()
+
+
 #: Chains of four without repulsion, all beads in chains.
 CHAINS = """units lj
 atom_style bond

@@ -6,13 +6,15 @@ from ...base.errors import RunError
 from ...kernels import chain
 from ...kernels.layer import STRESS
 from ...kernels.moment import Guide, Moment
+from ...kernels.shear import RATE
 from ...measure.stress_parts import Part, charge_evaluator, stress_parts
 from ...plan.pair_spec import longest, renew
 from ...simulation.built import BuiltSystem
 from ..language.lexer import errors_at
+from ..scene.axes import axes_of
 from ..scene.exclusion import scene_pairs
 from ..scene.flow import guided
-from ..state.records import COUPLED, GUIDED, Compute, DeckSample, Fix
+from ..state.records import COUPLED, GUIDED, NO_SLIDE, Compute, DeckSample, Fix, Slide
 from ..styles.pair_styles import pair_tables
 from ..values.resolver import Resolver
 from .acting import FORCES, acted_on, target
@@ -30,8 +32,9 @@ class _Scaling:
         compute = state.temperature_compute(name) if name else Compute("", fix.group, "temp", settings=state.temperature())
         self.freedom, members, self._v = moment.freedom(compute), state.group(compute.group), v
         self._rows, self._part = slice(None) if members.all() else members, None
-        if compute.settings != state.temperature(extra=compute.settings.extra):
-            self._part = moment.thermal(compute)[1] * moment.units.velocity  # what is scaled is a part of the velocities
+        if moment.slide.speed or compute.settings != state.temperature(extra=compute.settings.extra):
+            # what is scaled is a part of the velocities, or those of the beads in the box
+            self._part = axes_of(state).of_scene(moment.thermal(compute)[1] * moment.units.velocity)
         used = v[self._rows] if self._part is None else self._part
         self.twice = float(np.einsum("i,ij,ij", masses[self._rows], used, used))  #: Twice the kinetic energy
 
@@ -45,6 +48,7 @@ class DeckGuide(Guide):
 
     def __init__(self, request: RunRequest):
         self.request, self.state, state = request, request.state, request.state
+        self._axes = axes_of(state)
         kept = [fix for fix in state.fixes.values() if "numbers" in fix.parameters and (fix.style != "nph" or fix in state.pistons)]
         ends = np.cumsum([0, *(len(fix.parameters["numbers"]) for fix in kept)]).tolist()
         self._places = {fix.name: slice(*ends[k : k + 2]) for k, fix in enumerate(kept)}
@@ -101,7 +105,9 @@ class DeckGuide(Guide):
         return chain.masses(numbers.shape[1], target(fix, moment), fix.parameters["damp"], freedom)
 
     def _moment(self, m: Moment, step: int, v: np.ndarray) -> Resolver:
-        return Resolver(self.state, DeckSample(self.request.first_step + step, positions=m.x, velocities=v, box=m.box), self.request.window)
+        axes, slide = self._axes, NO_SLIDE if m.flow is None else Slide(0.0, m.flow[RATE] * m.box[1, 1], self._axes.plane)  # type: ignore[index]
+        places = {"positions": axes.of_deck(m.x), "velocities": axes.of_deck(v), "box": axes.box_of_deck(m.box), "slide": slide}
+        return Resolver(self.state, DeckSample(self.request.first_step + step, **places), self.request.window)
 
     def renew(self) -> None:
         """Give the engine of :attr:`built` the present coefficients, and forget what was made of others."""
@@ -151,12 +157,12 @@ class DeckGuide(Guide):
         if not self._pushes:
             return np.where(self._held, 0.0, force) if self._moves else force
         unit, moment = self.state.units.force, self._moment(m, step, v)
-        found, _ = acted_on(moment, force / unit)
+        found, _ = acted_on(moment, self._axes.of_deck(force / unit))
         for fix in self.state.fixes_of("langevin") if step == 0 else ():
             energy = m.numbers[self._places[fix.name]]
             energy[1] = self._given(fix, moment)
             energy[0] = 0.5 * energy[1]
-        return np.where(self._held, 0.0, found * unit)
+        return np.where(self._held, 0.0, self._axes.of_scene(found * unit))
 
     def _given(self, fix: Fix, moment: Resolver) -> float:
         """Energy that fix langevin gives to the beads in a step with the present forces and velocities, if it counts."""

@@ -99,15 +99,17 @@ class Driving:
         return ~np.logical_or.reduce([self.interacting, *pushed]).any(axis=1)
 
 
+#: Parameters of a force that OpenMM can have.
+PLAIN = {"force", "energy", "counted"}
+
+
 def guided(state: DeckState) -> bool:
     """Whether some fix acts within steps in a way that no force of OpenMM can; then all fixes that change forces do."""
     if state.fixes_of(*GUIDING) or state.pistons:
         return True
     fixes = state.fixes_of(*FORCE_FIXES)
     used = (name for fix in fixes for word in words(fix) if word != "NULL" for name in names_in(word, state.variables))
-    return any(set(fix.parameters) - {"force", "energy", "counted"} for fix in fixes) or any(
-        name not in _FIXED and not name.startswith("v_") for name in used
-    )
+    return any(set(fix.parameters) - PLAIN for fix in fixes) or any(name not in _FIXED and not name.startswith("v_") for name in used)
 
 
 def words(fix: Fix) -> list[str]:

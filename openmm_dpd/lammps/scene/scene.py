@@ -19,7 +19,7 @@ from ..styles.pair_styles import pair_tables
 from ..styles.srp import segments_of
 from .axes import SAME, Axes, axes_of
 from .exclusion import scene_pairs
-from .flow import body_forces_of, guided, interacting_beads, walls_of
+from .flow import PLAIN, body_forces_of, interacting_beads, walls_of
 from .integration import integration
 from .reacting import bonded_terms, lasting, reactions_of
 
@@ -154,7 +154,7 @@ def shear_of(state: DeckState) -> LeesEdwards | None:
     if state.moving_box:
         _check_moving_box(state, fixes)
         return None
-    for other in (*fixes[1:], *state.fixes_of("nph", "momentum", *GUIDED, "wall/reflect", *SOURCE_FIXES)):
+    for other in (*fixes[1:], *state.fixes_of("nph", "momentum", *BOUND, "wall/reflect", *SOURCE_FIXES)):
         if fixes:
             raise other.error(f"{other.style} cannot be combined with fix deform ({fixes[0].name}); remove one of them")
     if not fixes or not fixes[0].parameters["rate"]:
@@ -166,14 +166,17 @@ def _check_moving_box(state: DeckState, fixes: list[Fix]) -> None:
     """Raise DeckError if something cannot follow a box whose edges or tilts a ``fix deform`` changes."""
     for other in (*fixes[1:], *state.fixes_of("nph", "wall/reflect", *SOURCE_FIXES)):
         raise other.error(f"{other.style} cannot be combined with fix deform ({fixes[0].name}); remove one of them")
-    for other in state.fixes_of(*GUIDED):
-        if other.style not in FORCE_FIXES or guided(state) or any(word.startswith("v_") for word in other.parameters["force"]):
+    for other in state.fixes_of(*BOUND):
+        known = other.style in FORCE_FIXES and not set(other.parameters) - PLAIN
+        if not known or any(word.startswith("v_") for word in other.parameters["force"]):
             what = "a variable force" if other.style in FORCE_FIXES else other.style
             raise other.error(f"{what} cannot follow the box of fix deform ({fixes[0].name}); use addforce or setforce with numbers")
     if electrostatics_of(state) is not None:
         raise fixes[0].error("charges with lattice sums are not supported in a box that changes")
 
 
+#: Fixes within steps, but for those that act on velocities alone, which beads beside fix deform have, too.
+BOUND = tuple(style for style in GUIDED if style not in ("nvt", "temp/rescale", "temp/berendsen", "langevin", "viscous"))
 EOS_FIXES = ("eos/cv", "eos/table")
 SOURCE_FIXES = {"edpd/source": "edpd", "tdpd/source": "tdpd"}
 
