@@ -62,6 +62,15 @@ def test_run_writes_everything(deck, tmp_path, capsys):
     assert not (out / "checkpoint").exists()  # there is nothing to resume
 
 
+@pytest.mark.parametrize(
+    "line", ["delete_atoms random count 5 yes all NULL 8", "create_atoms 1 single 1 1 1", "replicate 2 1 1", "unfix move"]
+)
+def test_beads_may_change_after_the_last_run(tmp_path, line):
+    deck = put(tmp_path / "in.fluid", FLUID.replace("run 50", "run 5").replace("run 30", "run 5") + f"\n{line}\nwrite_data end.data\n")
+    assert main(["run", str(deck), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert (tmp_path / "out" / "beads.png").stat().st_size > 0
+
+
 def test_version(capsys):
     raises(SystemExit, "0", main, ["--version"])
     assert capsys.readouterr().out == f"openmm-dpd {dpd.__version__}, OpenMM {openmm.__version__}\n"

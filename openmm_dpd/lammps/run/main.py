@@ -4,6 +4,7 @@ import logging
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from ...measure import force_terms
 from ...model.internal import BeadTemperatures, InternalEnergy
 from ...model.scene import Scene
 from ...runtime import set_threads
+from ..scene.integration import integration
 from .building import build_request, connect_barostat
 from .check import all_said
 from .checkpoint import Checkpoints
@@ -317,4 +319,6 @@ def _picture(path: Path, results: list[RunResult]) -> None:
 def _beads(path: Path, request: RunRequest) -> None:
     """Draw the beads that the deck has at its end, if it could go on with them."""
     with suppress(DeckError, ParameterError):
+        if len(request.mobile) != len(request.state.atoms):  # some have come or gone since
+            request = replace(request, mobile=integration(request.state).mobile)
         bead_picture(path, request.scene(), title=request.state.path.name)
