@@ -96,6 +96,10 @@ BASES["tilted"] = (
     .replace("block 0 3 0 3 0 3", "prism 0 3 0 3 0 3 0.5 0 0")
     .replace("BEFORE", "BEFORE\nfix slide all deform 1 xy erate 9.0 remap v")
 )
+BASES["spheres"] = (
+    BASES["fluid"].replace("HEAD", "atom_style sphere").replace("mass 1 1.0\nmass 2 2.0", "set type 2 diameter 2 density 0.4")
+)
+BASES["spheres"] = BASES["spheres"].replace("all nve", "all nve/sphere")
 BASES["flat"] = BASES["fluid"].replace("HEAD", "dimension 2").replace("block 0 3 0 3 0 3", "block 0 3 0 3 -0.1 0.1")
 BASES["dihedrals"] = (
     BASES["bonds"]
@@ -240,6 +244,7 @@ SNIPPETS: dict[str, dict[str, str]] = {
         "balance": deck(before="fix b all balance 5 1.1 shift x 5 1.1"),
         "npt": deck(before="unfix move\nfix move all npt temp 1.0 2.0 0.5 x 20.0 30.0 1.0 y 25 25 0.7 tchain 2\n" + averaged("f_move")),
         "nvt": deck(before="unfix move\nfix move all nvt temp 1.0 0.5 0.1 tchain 2\n" + averaged("f_move", "f_move[3]")),
+        "nve/sphere": deck("spheres", "dump d all custom 2 d.txt id mass radius x"),
         "nve/limit": deck(before="unfix move\nfix move all nve/limit 0.01\n" + averaged("f_move")),
         "move": deck(
             before="group one type 1\ngroup two type 2\nunfix move\nfix move one nve\nvariable v atom 0.1*vx\n"

@@ -31,6 +31,7 @@ ATOMS = {
     "dpd": ["7 2 310 0 1 3", "2 1 300 1 2 4", "5 1 290 2 3 5"],
     "mdpd": ["7 2 3.1 0 1 3", "2 1 3.0 1 2 4", "5 1 2.9 2 3 5"],
     "edpd": ["7 2 1.0 1e5 0 1 3", "2 1 1.1 2e5 1 2 4", "5 1 1.2 1e5 2 3 5"],
+    "sphere": ["7 2 0.5 4.0 0 1 3", "2 1 1.0 2.0 1 2 4", "5 1 0 1.5 2 3 5"],
     "tdpd": ["7 2 0 1 3 0.5 2.5", "2 1 1 2 4 0.1 -2", "5 1 2 3 5 0.2 3e2"],
 }
 
@@ -58,7 +59,19 @@ def test_every_atom_style_with_and_without_a_hint(tmp_path, style, hint):
     assert atoms.densities.tolist() == ([3.0, 2.9, 3.1] if style == "mdpd" else [0, 0, 0])
     assert atoms.temperatures.tolist() == ([1.1, 1.2, 1.0] if style == "edpd" else [1, 1, 1])
     assert atoms.capacities.tolist() == ([2e5, 1e5, 1e5] if style == "edpd" else [1e5] * 3)
+    assert (atoms.diameters.tolist(), atoms.solids.tolist()) == (([1, 0, 0.5], [2, 1.5, 4]) if style == "sphere" else ([1] * 3,) * 2)
     assert atoms.concentrations.tolist() == ([[0.1, -2], [0.2, 300], [0.5, 2.5]] if style == "tdpd" else [[], [], []])
+
+
+def test_spheres_that_turn_are_refused(tmp_path):
+    rows = "\n\nVelocities\n\n7 1 0 0 0 0 0\n2 0 2 0 0 0 0\n5 0 0 3 0 0 0.1\n"
+    write(tmp_path, HEADER + "\nAtoms\n\n" + "\n".join(ATOMS["sphere"]) + rows)
+    with pytest.raises(DeckError, match="atom 5 turns, which beads of atom_style sphere do not do here; set wx wy wz to 0"):
+        deck(tmp_path, "atom_style sphere\nread_data data")
+    write(tmp_path, HEADER + "\nAtoms\n\n" + "\n".join(ATOMS["sphere"]) + rows.replace("0.1", "0"))
+    bodies = "pair_style dpd 1 1 7\npair_coeff * * 25 4.5\nfix r all rigid single\nrun 0"
+    with pytest.raises(DeckError, match="beads of atom_style sphere would turn with their bodies"):
+        deck(tmp_path, "atom_style sphere\nread_data data\n" + bodies).first_run.scene()
 
 
 def test_units_are_converted(tmp_path):

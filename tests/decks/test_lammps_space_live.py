@@ -232,6 +232,54 @@ def test_changes_refused(tmp_path, changes, message):
     )
 
 
+# -- atom_style sphere --------------------------------------------------------------------------------------------------------------
+SPHERES = """units lj
+atom_style {0}
+comm_modify vel yes
+region b block 0 5 0 5 0 5
+create_box 2 b{1}
+create_atoms 1 random 300 4811 b
+{2}
+set atom 1*100 diameter 0.6
+set atom 50*150 density 2.0
+set atom 120*170 type 2 mass 3.0
+set atom 160*200 diameter 0.0 mass 0.4
+variable w atom sin(2*id)
+velocity all set v_w 0 v_w
+write_data s.data nocoeff
+clear
+units lj
+atom_style {0}
+comm_modify vel yes
+special_bonds lj 1 1 1
+read_data s.data
+replicate 1 1 2
+pair_style dpd 0.0 1.0 343587
+pair_coeff * * 25 2.0
+fix 1 all nve
+fix 2 all gravity 0.5 vector 0 0 -1
+variable m equal mass(all)
+variable f atom 0.1*mass*radius
+fix 3 all addforce v_f 0 0
+fix 4 all langevin 0 0 1.0 77
+compute c all property/atom mass radius diameter
+compute r all reduce sum c_c[1] c_c[2] c_c[3]
+thermo_style custom step temp pe ke press density c_r[1] c_r[2] c_r[3] v_m
+timestep 0.01
+"""
+
+
+@cases(
+    "style, room, more, fix",
+    ("sphere", "", "", "nve"),
+    ("hybrid sphere bond", " bond/types 1 extra/bond/per/atom 2", "mass * 7.0\nbond_style zero\nbond_coeff 1", "nve"),
+    ("hybrid atomic sphere dpd", "", "mass * 7.0\nset atom * dpd/theta 1.0", "nve/sphere"),
+)
+def test_spheres_are_points_with_masses_of_their_own(tmp_path, style, room, more, fix):
+    text = SPHERES.format(style, room, more)
+    same_rows(tmp_path, text if fix == "nve" else text.replace("diameter 0.0", "diameter 0.1").replace("1 all nve", "1 all nve/sphere"), 10)
+
+
 # -- fix deform ---------------------------------------------------------------------------------------------------------------------
 MOVING = (
     LATTICE.replace("block 0 4 0 4 0 4", "prism 0 4 0 4 0 4 0.3 0 0").replace("delay 0 check yes", "delay 0 check no")

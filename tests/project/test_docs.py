@@ -113,7 +113,7 @@ TABLES = {  # What pages list, and what there is.
     "fix": (column("styles", "Fixes"), OF_DECKS["fix"]),
     "thermo words": (DECKS["styles"].partition("## Thermo words")[2].partition("`v_name`")[0] + "`press_full` `temp_conf`", WORDS),
     "variables": (re.sub(r"\(.*?\)", "", DECKS["commands"].partition("Styles are ")[2].partition(" removes")[0]), OF_DECKS["variable"]),
-    "set": (DECKS["commands"].partition("and sets\n")[2].partition(".\n")[0], set(SETTERS) - {"mass"}),
+    "set": (DECKS["commands"].partition("and sets\n")[2].partition(".\n")[0], SETTERS),
     **{
         f"{what}s": (column("styles", "Bonds, angles, dihedrals and impropers", what, 2), {*bonded_styles(what), "none"}) for what in JOINED
     },

@@ -16,6 +16,10 @@ from .setup import command
 @command("mass type value", 2, box=True)
 def mass(state: DeckState, args: list[str]) -> None:
     value = read.positive(args[1], "the mass")
+    if state.has_atom_style("sphere"):
+        if state.atom_style == "sphere":
+            raise ParameterError("beads of atom_style sphere have masses by diameter and density, not by type; use set type N mass M")
+        state.note("mass has no effect beside atom_style sphere, as in LAMMPS: its beads have masses by diameter and density")
     for kind in read.numeric_range(args[0], state.n_types, "atom type"):
         state.masses[kind] = value * state.units.mass
 
@@ -222,7 +226,19 @@ def _set_image(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
 
 
 def _set_mass(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
-    raise ParameterError(f"atom_style {state.atom_style} has one mass per type; use the mass command, or another type")
+    if not state.has_atom_style("sphere"):
+        raise ParameterError(f"atom_style {state.atom_style} has one mass per type; use the mass command, or another type")
+    state.atoms.solids[mask] = _positive(_numbers(state, mask, words[0], "mass"), "mass") / state.atoms.volumes[mask]
+
+
+def _set_diameter(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
+    """As in LAMMPS masses stay as they are."""
+    state.require_atom_style("set diameter", "sphere")
+    values, before = _numbers(state, mask, words[0], "diameter"), state.atoms.volumes
+    if np.any(values < 0):
+        raise ParameterError("set diameter: no diameter may be negative")
+    state.atoms.diameters[mask] = values
+    state.atoms.solids[mask] *= (before / state.atoms.volumes)[mask]
 
 
 def _set_density(state: DeckState, mask: np.ndarray, words: list[str]) -> None:
@@ -242,7 +258,8 @@ SETTERS: dict[str, tuple[int, Setter]] = {
     **{"mass": (1, _set_mass), "dpd/theta": (1, _set_theta), "cc": (2, _set_concentration), "image": (3, _set_image)},
     "edpd/temp": (1, _setter("temperatures", "edpd/temp", "edpd", positive=True)),
     "edpd/cv": (1, _setter("capacities", "edpd/cv", "edpd", positive=True)),
-    "sph/rho": (1, _set_density),
+    **{"sph/rho": (1, _set_density), "diameter": (1, _set_diameter)},
+    "density": (1, _setter("solids", "density", "sphere", positive=True)),
     **{axis: (1, _setter("positions", axis, axis=k)) for k, axis in enumerate("xyz")},
     **{f"v{axis}": (1, _setter("velocities", f"v{axis}", axis=k)) for k, axis in enumerate("xyz")},
 }

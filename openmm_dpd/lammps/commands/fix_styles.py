@@ -351,7 +351,7 @@ def _balance(state: DeckState, group: str, words: list[str]) -> dict:
 
 #: Parsers of fixes, by style.  What the parameters do is in ``lammps/scene/`` and ``lammps/run/``.
 FIX_STYLES: dict[str, FixReader] = {
-    "nve": _moving("nve", 0),
+    **{"nve": _moving("nve", 0), "nve/sphere": _moving("nve/sphere", 0)},
     **{style: _moving(style, 1) for style in ("mvv/dpd", "mvv/edpd", "mvv/tdpd")},
     **{"shardlow": _of_all("shardlow"), "dpd/energy": _of_all("dpd/energy", "dpd"), "eos/cv": _eos_cv, "eos/table": _eos_table},
     **{"edpd/source": _edpd_source, "tdpd/source": _tdpd_source, "nph": _nph, "npt": _npt, "gravity": _gravity},

@@ -17,6 +17,7 @@ ATOM_STYLES: dict[str, tuple[str, ...]] = {
     for style, columns in {
         **{"atomic": "type", "charge": "type charge", "bond": "molecule type", "angle": "molecule type", "molecular": "molecule type"},
         **{"full": "molecule type charge", "dpd": "type theta", "mdpd": "type rho", "edpd": "type temperature capacity", "tdpd": "type"},
+        "sphere": "type diameter solid",
     }.items()
 }
 
@@ -33,10 +34,13 @@ JOINED: dict[str, tuple[int, tuple[str, ...]]] = {
 #: Atom styles whose beads have charges.
 CHARGED_STYLES = ("charge", "full")
 
+#: Columns of angular velocities behind the velocities of atom_style sphere.
+TURNING = " wx wy wz"
+
 #: Arrays of :class:`~openmm_dpd.lammps.state.atoms.Atoms` by their column in data files.
 ARRAYS = {
     **{"charge": "charges", "molecule": "molecules", "theta": "thetas", "temperature": "temperatures", "capacity": "capacities"},
-    "rho": "densities",
+    **{"rho": "densities", "diameter": "diameters", "solid": "solids"},
 }
 
 
@@ -250,6 +254,8 @@ class DataReader:
             ((types < 1) | (types > n_types), f"the atom type is out of range; there are {n_types}"),
             (columns.get("theta", ones) <= 0, "the internal temperature (theta) must be > 0"),
             (columns.get("temperature", ones) <= 0, "the temperature of a bead must be > 0"),
+            (columns.get("diameter", ones) < 0, "no diameter may be negative"),
+            (columns.get("solid", ones) <= 0, "the density of a bead must be > 0"),
             (columns.get("capacity", ones) <= 0, "the heat capacity of a bead must be > 0"),
         ):
             if mask.any():
@@ -260,19 +266,22 @@ class DataReader:
         if len(twice):
             raise self.fail(f"atom id {ids[order][twice[0]]} appears twice", rows[int(order[twice[0] + 1])][0])
 
-    def velocities(self, ids: np.ndarray) -> np.ndarray | None:
-        """(N, 3) velocities of the atoms with these ids; None without a Velocities section."""
+    def velocities(self, ids: np.ndarray, turning: str = "") -> np.ndarray | None:
+        """(N, 3) velocities of the atoms with these ids; None without a section.  Angular ones, columns ``turning``, must be 0."""
         if "Velocities" not in self.sections:
             return None
         found = np.zeros((len(ids), 3))
         left = {identity: k for k, identity in enumerate(ids.tolist())}
-        for row in self.rows("Velocities", len(ids), 4, "id vx vy vz"):
+        for row in self.rows("Velocities", len(ids), 4 + len(turning.split()), f"id vx vy vz{turning}"):
             number, words = row
             (identity,) = self.file.integers(row, words[:1], "an atom id")
             if identity not in left:
                 why = " twice" if identity in ids else ", which does not exist"
                 raise self.fail(f"section Velocities names atom {identity}{why}", number)
-            found[left.pop(identity)] = self.file.numbers(row, words[1:], 3, "'id vx vy vz'", f"the velocity of atom {identity}")
+            numbers = self.file.numbers(row, words[1:], len(words) - 1, f"'id vx vy vz{turning}'", f"the velocity of atom {identity}")
+            if any(numbers[3:]):
+                raise self.fail(f"atom {identity} turns, which beads of atom_style sphere do not do here; set{turning} to 0", number)
+            found[left.pop(identity)] = numbers[:3]
         return found
 
     def masses(self) -> dict[int, float]:
@@ -322,7 +331,8 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0, labels: Mapp
     own = reader.number_types(styles_of(atom_style), labels or {})
     columns, positions, images = reader.atoms(styles_of(atom_style), n_species)
     ids = columns["id"]
-    velocities = reader.velocities(ids)
+    own_masses = "sphere" in styles_of(atom_style)
+    velocities = reader.velocities(ids, TURNING * own_masses)
     return DataFile(
         n_types=reader.count("atom", "types"),
         box=reader.box(),
@@ -330,7 +340,7 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0, labels: Mapp
         positions=positions,
         images=np.zeros((len(ids), 3), dtype=np.int64) if images is None else images,
         velocities=np.zeros((len(ids), 3)) if velocities is None else velocities,
-        masses=reader.masses(),
+        masses={} if own_masses else reader.masses(),
         **{f"n_{what}_types": reader.count(what, "types") for what in JOINED},  # type: ignore[arg-type]
         **{f"{what}s": reader.joined(what, ids, atom_style) for what in JOINED},  # type: ignore[arg-type]
         coefficients={name: reader.sections[name][1] for name in SECTIONS if "Coeffs" in name and name in reader.sections},
@@ -375,7 +385,7 @@ def data_lines(
         yield " ".join(map(repr, row))
     yield from ("", "Velocities", "")
     for identity, velocity in zip(data.columns["id"].tolist(), data.velocities.tolist(), strict=True):
-        yield f"{identity} {' '.join(map(repr, velocity))}"
+        yield f"{identity} {' '.join(map(repr, velocity))}" + " 0 0 0" * ("sphere" in styles)
     for what, _, rows in terms:
         if len(rows):
             yield from ("", f"{what.capitalize()}s", "")

@@ -108,6 +108,8 @@ def guided(state: DeckState) -> bool:
     if state.fixes_of(*GUIDING) or state.pistons:
         return True
     fixes = state.fixes_of(*FORCE_FIXES)
+    if fixes and state.has_atom_style("sphere"):
+        return True  # masses within a type differ
     used = (name for fix in fixes for word in words(fix) if word != "NULL" for name in names_in(word, state.variables))
     return any(set(fix.parameters) - PLAIN for fix in fixes) or any(name not in _FIXED and not name.startswith("v_") for name in used)
 

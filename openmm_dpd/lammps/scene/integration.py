@@ -11,7 +11,7 @@ from ..state.rigid import RIGID, moved_by
 from .flow import still_beads
 
 #: Fixes that move beads.
-INTEGRATORS = ("nve", "nve/limit", "nvt", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph", "npt", "move", *RIGID)
+INTEGRATORS = ("nve", "nve/sphere", "nve/limit", "nvt", "mvv/dpd", "mvv/edpd", "mvv/tdpd", "nph", "npt", "move", *RIGID)
 #: Pair styles whose friction and noise fix shardlow applies.
 SHARDLOW_PAIRS = ("dpd/fdt", "dpd/fdt/energy")
 #: Pair styles with a bead field that only one fix advances: that fix, and the field.

@@ -57,7 +57,7 @@ def build_scene(
         reactions = reactions_of(state, state.step if window is None else window.first)
         pairs = scene_pairs(state, pair_tables(state))
         return Scene(
-            masses={name: state.masses[k] for name, k in pairs.of_deck.items()},
+            masses={name: state.masses.get(k, 1.0) for name, k in pairs.of_deck.items()},
             types=pairs.types,
             positions=axes.of_scene(state.scene_positions),
             pairs=pairs.tables,

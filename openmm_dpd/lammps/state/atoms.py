@@ -32,6 +32,9 @@ class Atoms:
     capacities: np.ndarray = _empty(0)
     concentrations: np.ndarray = _empty(0, 0)  #: (N, K) concentrations of ``atom_style tdpd``
     densities: np.ndarray = _empty(0)  #: (N,) local densities of ``atom_style mdpd``, in the deck's units
+    #: (N,) of ``atom_style sphere``: diameters, 0 for points, and densities, which are the masses of points; in the deck's units.
+    diameters: np.ndarray = _empty(0)
+    solids: np.ndarray = _empty(0)
     #: (N,) position of each bead in LAMMPS's memory before the first run, which is the order of new ids after ``delete_atoms``.
     slots: np.ndarray = _empty(0, dtype=np.int64)
 
@@ -40,7 +43,7 @@ class Atoms:
 
     @classmethod
     def new(cls, ids: np.ndarray, types: np.ndarray, positions: np.ndarray, n_species: int = 0) -> Atoms:
-        """Create beads at rest without images, charges or molecules, with temperature 1 and heat capacity 1e5 as in LAMMPS."""
+        """Create beads at rest without images, charges or molecules, with LAMMPS's temperatures (1), sizes and so on."""
         n = len(ids)
         atoms = cls(concentrations=np.zeros((0, n_species)))
         for item in fields(cls):
@@ -48,7 +51,13 @@ class Atoms:
             setattr(atoms, item.name, np.zeros((n, *empty.shape[1:]), dtype=empty.dtype))
         atoms.ids[:], atoms.types[:], atoms.positions[:], atoms.slots[:] = ids, types, positions, np.arange(n)
         atoms.temperatures[:], atoms.capacities[:] = 1.0, 1e5
+        atoms.diameters[:] = atoms.solids[:] = 1.0
         return atoms
+
+    @property
+    def volumes(self) -> np.ndarray:
+        """(N,) volumes of the beads of ``atom_style sphere``, 1 for points."""
+        return np.where(self.diameters > 0, np.pi / 6 * self.diameters**3, 1.0)
 
     def append(self, other: Atoms) -> None:
         """Append beads; their ids must be larger than all present ids."""

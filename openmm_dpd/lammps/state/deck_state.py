@@ -198,10 +198,10 @@ class DeckState:
 
     def bead_masses(self) -> np.ndarray:
         """Mass of every bead in Da; ParameterError if a type has none."""
-        missing = [k for k in range(1, self.n_types + 1) if k not in self.masses]
-        if missing:
-            listing = ", ".join(map(str, missing))
-            raise ParameterError(f"no mass is set for atom type {listing}; use the mass command or a Masses section")
+        if self.has_atom_style("sphere"):
+            return self.atoms.solids * self.atoms.volumes * self.units.mass
+        if missing := [str(k) for k in range(1, self.n_types + 1) if k not in self.masses]:
+            raise ParameterError(f"no mass is set for atom type {', '.join(missing)}; use the mass command or a Masses section")
         return np.array([self.masses[k] for k in range(1, self.n_types + 1)])[self.atoms.types - 1]
 
     def mass_average(self, vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -130,6 +130,8 @@ def deck_bodies(state: DeckState) -> list[DeckBody]:
             raise fix.error(f"its molecules have changed: there were {len(given['free'])}, and are {len(members)}; give the fix again")
         if state.moving_box:
             raise fix.error("its bodies cannot follow the box of fix deform")
+        if state.has_atom_style("sphere"):
+            raise fix.error("beads of atom_style sphere would turn with their bodies, and here beads are points")
         for other in state.fixes_of("momentum", *(style for style in COUPLED if style != "langevin")):
             if other.style == "npt" or np.any(mask & state.group(other.group)):
                 raise other.error(f"{other.style} changes single beads, and not the bodies of fix {fix.name}; take a group without them")

@@ -54,6 +54,8 @@ def _words() -> dict[str, BeadWord]:
         "type": lambda c: c.state.atoms.types.astype(float),
         "mass": _masses,
         "q": _carried("q", lambda atoms: atoms.charges),
+        "diameter": _carried("diameter", lambda atoms: atoms.diameters),
+        "radius": _carried("radius", lambda atoms: 0.5 * atoms.diameters),
     }
     arrays: dict[str, BeadWord] = {
         "{}": lambda c: c.folded[0],
