@@ -11,7 +11,7 @@ from .errors import ParameterError, what_is
 
 def platform_here(platform: openmm.Platform | str | None) -> str:
     """Name of a platform, the fastest one for None; ParameterError if it does not exist here."""
-    name = platform.getName() if isinstance(platform, openmm.Platform) else platform or fastest_platform()
+    name = platform.getName() if isinstance(platform, openmm.Platform) else fastest_platform() if platform is None else platform
     known = [openmm.Platform.getPlatform(k).getName() for k in range(openmm.Platform.getNumPlatforms())]
     if name not in known:
         raise ParameterError(f"there is no platform {what_is(name)} here{_why_not(name)}; it must be one of {', '.join(known)}")

@@ -1,6 +1,6 @@
 """The scene: the full input as one value."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -287,7 +287,7 @@ class Scene:
     def _checked_residues(self) -> tuple[str, ...] | None:
         if self.residues is None:
             return None
-        names = () if isinstance(self.residues, str) else tuple(self.residues)
+        names = tuple(self.residues) if isinstance(self.residues, Iterable) and not isinstance(self.residues, str) else ()
         if len(names) != self.n_beads or not all(isinstance(name, str) and name for name in names):
             raise ParameterError(f"residues must name the molecule of each of the {self.n_beads} beads by text")
         return names

@@ -263,6 +263,8 @@ def make_plan(
     platform = platform_name(platform) or (fastest_platform() if host is None else None)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {what_is(conservative)}")
+    if not isinstance(loop, bool):
+        raise ParameterError(f"loop must be True or False, not {what_is(loop)}")
     check_cutoffs(scene.box, tables)
     layers = [table for table in tables if resolved_kind(table).overlay is None]
     overlays = [table for table in tables if resolved_kind(table).overlay is not None]

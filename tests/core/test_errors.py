@@ -151,6 +151,10 @@ WRONG = {  # What is wrong -> what makes it, and what the message has to say.
     "one column as text": (lambda: dpd.DPDReporter(io.StringIO(), 1, build(), "kT"), "columns.*'kT'"),
     "no columns": (lambda: dpd.DPDReporter(io.StringIO(), 1, build(), []), r"columns.*\[\]"),
     "no file": (lambda: dpd.DPDReporter(None, 1, build()), "file.*None"),
+    "a loop by text": (lambda: build(loop="no"), "loop must be True or False, not 'no'"),
+    "a platform by number": (lambda: build(platform=0), "no platform 0 here"),
+    "no name of a platform": (lambda: build(platform=""), "no platform '' here"),
+    "one molecule for all": (lambda: scene(residues=3), "residues must name the molecule of each"),
 }
 
 
