@@ -48,7 +48,7 @@ def _check(built: BuiltSystem, interval: int, axes: Axes, why_not: Callable[[Pla
             f"a barostat wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
         )
     whole_number(interval, "the interval between volume moves, in steps,", least=1)
-    if len(axes) != 3 or not any(axes):
+    if np.shape(axes) != (3,) or np.asarray(axes).dtype != bool or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {what_is(axes)}")
     changed = "".join(axis for axis, changes in zip("xyz", axes, strict=True) if changes)
     reason = why_not(built.plan, changed)

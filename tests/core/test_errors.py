@@ -153,6 +153,8 @@ WRONG = {  # What is wrong -> what makes it, and what the message has to say.
     "no file": (lambda: dpd.DPDReporter(None, 1, build()), "file.*None"),
     "a loop by text": (lambda: build(loop="no"), "loop must be True or False, not 'no'"),
     "a platform by number": (lambda: build(platform=0), "no platform 0 here"),
+    "axes by text": (lambda: dpd.add_barostat(build(), 23.0, axes="yes"), "axes must be three of True or False.*'yes'"),
+    "axes by names": (lambda: dpd.add_barostat(build(), 23.0, axes=["x", "y", "z"]), "axes must be three of True or False"),
     "no name of a platform": (lambda: build(platform=""), "no platform '' here"),
     "one molecule for all": (lambda: scene(residues=3), "residues must name the molecule of each"),
 }
