@@ -242,7 +242,7 @@ def test_every_hint_is_said_to_those_who_need_it(tmp_path):
     ("fix 1 all nve\nfix 2 two nve\nrun 1\n", "in.deck:14: fix 2: bead 31 is moved by fix 1 already"),
     ("fix 1 one nve\nfix 2 two mvv/dpd 0.65\nrun 1\n", r"different lambda \(0.5, 0.65\)"),
     ("fix 1 all mvv/dpd 1.5\n", "lambda must be between 0 and 1, but is 1.5"),
-    ("fix 1 all adopt 1\n", "in.deck:13: fix style 'adopt' is not supported; supported are nve, mvv/dpd, mvv/edpd, "),
+    ("fix 1 all adopt 1\n", "in.deck:13: fix style 'adopt' is not supported; supported are nve, nve/sphere, mvv/dpd, mvv/edpd, "),
     (
         "fix 1 all temp/csvr 1 1 1 7\n",
         "fix style 'temp/csvr' is not supported: use fix nvt, fix langevin with fix nve, .* dpd/tstat",
