@@ -18,6 +18,7 @@ from openmm_dpd.base.files import BlockFile
 from openmm_dpd.base.signals import Signals
 from openmm_dpd.lammps import RunOptions, run_deck
 from openmm_dpd.lammps.run.checkpoint import Checkpoints
+from openmm_dpd.lammps.run.runner import DeckRunner
 from openmm_dpd.lammps.values import computes
 
 DECKS = Path(__file__).parents[2] / "examples" / "decks"
@@ -253,6 +254,20 @@ def test_an_interruption_near_the_end_can_be_resumed_or_changes_nothing(tmp_path
         assert status == 0 or main(["run", str(deck), "--restart", str(out), "--json", str(out / "report.json"), "--quiet"]) == 0
         assert contents(out) == contents(whole)
     assert found == {0, 130}
+
+
+def test_a_crash_behind_short_runs_leaves_no_older_final_state(tmp_path, monkeypatch):
+    """The state at the end of the second run is not written at once, since that would take longer than the run."""
+    deck = put(tmp_path / "in.tiny", f"{TINY.partition('compute m')[0]}run 4\nrun 3\n")
+    whole, crashed, say = tmp_path / "whole", tmp_path / "crashed", DeckRunner.say_notes
+    with monkeypatch.context() as patched:
+        patched.setattr("openmm_dpd.lammps.run.trajectory.SELDOM", 1e9)
+        patched.setattr(
+            DeckRunner, "say_notes", lambda self, state: (shutil.copytree(whole, crashed, dirs_exist_ok=True), say(self, state))
+        )
+        assert main(arguments(deck, whole, "Reference")) == 0
+    assert main(["run", str(deck), "--restart", str(crashed), "--json", str(crashed / "report.json"), "--quiet"]) == 0
+    assert contents(crashed) == contents(whole)
 
 
 def test_a_deck_that_is_edited_while_it_runs_is_another_one(deck):

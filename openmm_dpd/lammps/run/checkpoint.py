@@ -158,10 +158,14 @@ class Checkpoints:
         return folder
 
     # -- writing ------------------------------------------------------------------------------------------------------------------
-    def save(self, state: DeckState, options: RunOptions, variables: dict[str, str], kept: dict[str, Any], *, done: bool) -> None:
-        """Store the state after a run (``done``), or within one."""
+    def save(
+        self, state: DeckState, options: RunOptions, variables: dict[str, str], kept: dict[str, Any], *, done: bool, whole: bool = True
+    ) -> None:
+        """Store the state after a run (``done``), or within one.  A run whose final state is in no file (not ``whole``) is done again."""
         if done:
             self._write(f"run-{state.runs + 1}", kept)
+        if not whole:
+            return
         with writing(self.folder, "the checkpoint"):
             place = str(state.path.resolve()), asdict(options), variables, state.inputs, self.ledger.lengths()
         self._write("latest", vars(Latest(*place, state.runs + done, None if done else kept, self._asked)))

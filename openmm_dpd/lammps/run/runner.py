@@ -198,7 +198,8 @@ class DeckRunner:
             "notes": self._notes,
             "trajectory": self.trajectory and self.trajectory.progress,
         }
-        self.checkpoints.save(request.state, self.options, self.variables, kept | (more or {}), done=more is None)
+        whole = more is not None or self.trajectory is None or self.trajectory.state_written
+        self.checkpoints.save(request.state, self.options, self.variables, kept | (more or {}), done=more is None, whole=whole)
 
     def _recall(self, request: RunRequest, latest: Latest) -> None:
         """Bring the deck to the end of a completed run."""

@@ -130,6 +130,11 @@ class RunTrajectory:
         if time.perf_counter() - self._saved >= SELDOM * self._took:
             self.write_state()
 
+    @property
+    def state_written(self) -> bool:
+        """Whether the state at the end of the last run is in the file."""
+        return self._unsaved is None
+
     def write_state(self) -> None:
         """Write the state at the end of the last run, unless it is in the file."""
         simulation, self._unsaved, begun = self._unsaved, None, time.perf_counter()
