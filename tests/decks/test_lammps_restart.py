@@ -40,7 +40,13 @@ SYSTEMS = {  # How beads are made and what moves them, which a restart file does
         "fix 1 all mvv/tdpd\n",
     ),
 }
-ROWS = "thermo 2\nthermo_style custom step time temp pe press vol\nthermo_modify format float %.17g\n"
+BOX = "region b block 0 4 0 4 0 4\ncreate_box 1 b\ncreate_atoms 1 random 80 5 NULL\nmass 1 1\npair_style dpd 1 1 7\npair_coeff 1 1 25 4.5\n"
+SYSTEMS |= {  # What these fixes keep is in the file, for fixes of the same id and style.
+    "nvt": (SYSTEMS["chains"][0], "fix 1 all nvt temp 0.5 0.5 0.2\n"),
+    "npt": (BOX + "velocity all create 1 3\ntimestep 0.02\n", "fix 1 all npt temp 1 1 0.2 iso 20 20 1.0\n"),
+    "baths": (SYSTEMS["chains"][0], "fix 1 all nve\nfix 2 all temp/berendsen 1 1 0.3\nfix 3 all temp/rescale 2 1 1 0.02 0.7\n"),
+}
+ROWS = "thermo 2\nthermo_style custom step time temp pe press vol ecouple\nthermo_modify format float %.17g\n"
 
 
 def rows(folder: Path, name: str, text: str, platform: str = "Reference") -> list[str]:

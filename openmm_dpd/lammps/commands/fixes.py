@@ -45,7 +45,10 @@ def fix(state: DeckState, args: list[str]) -> None:
     if group in state.dynamic and reader is None:
         raise ParameterError(f"fix {style} on the dynamic group {group} is not supported: the beads of a fix cannot change")
     parameters = FIX_STYLES[style](state, group, words) if reader is None else {"reader": reader(state, name, group, words)}
-    state.fixes[name] = Fix(name, group, style, parameters, state.here)
+    found = state.fixes[name] = Fix(name, group, style, parameters, state.here)
+    before, runs, kept = state.restored.get(name, ("", 0, {}))
+    if (before, runs) == (style, state.runs) and len(kept["numbers"]) == len(found.parameters["numbers"]):
+        found.parameters.update(kept)
 
 
 @command("fix_modify ID energy yes|no | temp ID | virial no", 3, None)

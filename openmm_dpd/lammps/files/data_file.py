@@ -34,9 +34,6 @@ JOINED: dict[str, tuple[int, tuple[str, ...]]] = {
 #: Atom styles whose beads have charges.
 CHARGED_STYLES = ("charge", "full")
 
-#: Columns of angular velocities behind the velocities of atom_style sphere.
-TURNING = " wx wy wz"
-
 #: Arrays of :class:`~openmm_dpd.lammps.state.atoms.Atoms` by their column in data files.
 ARRAYS = {
     **{"charge": "charges", "molecule": "molecules", "theta": "thetas", "temperature": "temperatures", "capacity": "capacities"},
@@ -332,7 +329,7 @@ def read_data_file(path: Path, atom_style: str, n_species: int = 0, labels: Mapp
     columns, positions, images = reader.atoms(styles_of(atom_style), n_species)
     ids = columns["id"]
     own_masses = "sphere" in styles_of(atom_style)
-    velocities = reader.velocities(ids, TURNING * own_masses)
+    velocities = reader.velocities(ids, " wx wy wz" * own_masses)
     return DataFile(
         n_types=reader.count("atom", "types"),
         box=reader.box(),

@@ -41,6 +41,10 @@ def restart_bytes(state: DeckState) -> bytes:
         "masses": sorted(state.masses.items()),
         "groups": list(state.groups),
         "setup": [*state.setup, *_adapted(state)],
+        "fixes": {
+            fix.name: [fix.style, state.runs, {name: fix.parameters[name] for name in ("numbers", "edges") if name in fix.parameters}]
+            for fix in state.fixes_of("nvt", "npt", "temp/rescale", "temp/berendsen")
+        },
     }
     arrays = {f"atoms/{item.name}": getattr(state.atoms, item.name) for item in fields(Atoms)}
     arrays |= {f"group/{k}": mask for k, mask in enumerate(state.groups.values())}
@@ -82,6 +86,7 @@ def load_restart(state: DeckState, path: Path) -> list[tuple[str, list[str]]]:
 def _take(state: DeckState, header: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     low, high, tilt, triclinic = header["box"]
     x, y, z = header["periodic"]
+    state.restored = header.get("fixes", {})
     for name in _PLAIN:
         setattr(state, name, header[name])
     state.set_dimension(state.dimension)

@@ -239,11 +239,12 @@ class DeckGuide(Guide):
             settings = given["damp"], beads.freedom, beads.twice, given["loop"], given["drag"]
             beads.by(chain.half_step(m.numbers[self._places[fix.name]][: given["chain"]], m.dt, kT, *settings))
 
-    def keep(self, numbers: np.ndarray) -> None:
-        """Hand what the fixes keep back to the deck, for the next run."""
+    def keep(self, numbers: np.ndarray, done: bool = True) -> None:
+        """Hand what the fixes keep back to the deck, for the next run or a restart file."""
         for name, place in self._places.items():
             self.state.fixes[name].parameters["numbers"] = numbers[place].tolist()
-        end(self.state)
+        if done:
+            end(self.state)
 
     def values(self, numbers: np.ndarray, moment: Resolver) -> dict[str, list[float]]:
         """Values of the fixes that change velocities: an energy or a count, and what a chain consists of."""

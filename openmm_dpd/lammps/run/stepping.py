@@ -35,8 +35,8 @@ from .trajectory import RunTrajectory
 class RestartFiles:
     """Writes the files of ``restart N``; each has what ``write_restart`` would write if the run ended at that step."""
 
-    def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context):
-        self._request, self._built, self._context = request, built, context
+    def __init__(self, request: RunRequest, built: BuiltSystem, context: openmm.Context, sampler: Sampler):
+        self._request, self._built, self._context, self._sampler = request, built, context, sampler
         self._settings = list(request.state.restarts.values())
 
     def next_due(self, step: int) -> int:
@@ -48,6 +48,8 @@ class RestartFiles:
         due = [each for each in self._settings if step % each.every == 0 and step != self._request.first_step]
         if not due:
             return
+        if (guide := self._sampler.guide) is not None:
+            guide.keep(self._sampler.numbers(), done=False)
         state = copy(self._request.state)
         state.atoms = copy(state.atoms)
         x, v, box = arrays(self._context, self._request.axes)
@@ -150,8 +152,8 @@ class DeckSteps:
         self.request, self.simulation, self.built, self.result = request, simulation, built, result
         self.log, self.trajectory, self.signals, self.keep, self.interval = log, trajectory, signals, keep, interval
         self.thermo, self.dumps, self.readers = request.thermo, request.dumps, request.readers
-        self.momentum, self.restarts = MomentumFixes(request, simulation.context), RestartFiles(request, built, simulation.context)
-        self.sampler = Sampler(request, built, simulation.context)
+        self.momentum, self.sampler = MomentumFixes(request, simulation.context), Sampler(request, built, simulation.context)
+        self.restarts = RestartFiles(request, built, simulation.context, self.sampler)
         self.moving = MovingBox(request, built, simulation.context)
         result.no_laplacian = (
             self.sampler.observer.no_laplacian if self.request.state.dimension == 3 else "it is not defined in two dimensions"

@@ -61,8 +61,7 @@ class DeckState:
     angles: np.ndarray = field(default_factory=lambda: np.zeros((0, 4), dtype=np.int64))
     dihedrals: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))  #: (D, 5) dihedral type and the four ids
     impropers: np.ndarray = field(default_factory=lambda: np.zeros((0, 5), dtype=np.int64))
-    #: Members of each group, ``all`` included.
-    groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})
+    groups: dict[str, np.ndarray] = field(default_factory=lambda: {"all": np.zeros(0, dtype=bool)})  #: Members of each, ``all`` too
     dynamic: dict[str, Any] = field(default_factory=dict)  #: What renews each ``group ... dynamic`` during runs
     lattice: Lattice = field(default_factory=no_lattice)
     regions: dict[str, Region] = field(default_factory=dict)
@@ -79,6 +78,7 @@ class DeckState:
     kspace: KspaceSetup | None = None  #: Settings of ``kspace_style``
     dielectric: float = 1.0  #: Relative permittivity: the Coulomb constant is divided by it
     fixes: dict[str, Fix] = field(default_factory=dict)
+    restored: dict[str, Any] = field(default_factory=dict)  #: Styles of fixes of a restart file, runs before it, and what they kept
     computes: dict[str, Compute] = field(default_factory=dict)
     #: The predefined compute of the temperature of all beads.
     thermo_temp: Compute = Compute("thermo_temp", "all", "temp", settings=Temperature())
