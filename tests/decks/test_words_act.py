@@ -15,8 +15,8 @@ IDLE = {
     "balance": "beads belong to no processors here; a note says so",
     "wall/reflect": "open ends of the box reflect as well; a note says so",
 }
-#: Fixes without which a deck does not run.
-NEEDED = ("shardlow", "dpd/energy", "eos/cv", "eos/table", "enforce2d")
+#: Fixes without which a deck does not run; that of bonds is named by the pair style of its deck.
+NEEDED = ("shardlow", "dpd/energy", "eos/cv", "eos/table", "enforce2d", "bond/break")
 #: Computes whose values are not of positions or velocities.
 CONSTANT = {"property/local": "ids and types of bonds", "fragment/atom": "bonds alone", "aggregate/atom": "bonds join all of each chain"}
 #: What is in the place of fixes that move beads; others are left out.
