@@ -265,11 +265,7 @@ def delete_atoms(state: DeckState, args: list[str]) -> None:
     compress = read.switch(options["compress"], "compress") and not state.has_atom_style(*BONDED_STYLES)
     if compress:
         _note_order(state, "delete_atoms")
-    state.atoms.vacate(doomed)
-    kept = np.flatnonzero(~doomed)
-    if compress:
-        kept = kept[np.argsort(state.atoms.slots[kept])]
-    state.atoms.take(kept)
+    kept = state.atoms.delete(doomed, by_slots=compress)
     state.groups = {name: mask[kept] for name, mask in state.groups.items()}
     if compress:
         state.atoms.ids = np.arange(1, len(kept) + 1)

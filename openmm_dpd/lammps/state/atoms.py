@@ -70,8 +70,9 @@ class Atoms:
         for item in fields(self):
             setattr(self, item.name, getattr(self, item.name)[indices])
 
-    def vacate(self, doomed: np.ndarray) -> None:
-        """Update ``slots`` as LAMMPS does before beads are deleted: the last bead moves into the slot of each deleted bead."""
+    def delete(self, doomed: np.ndarray, by_slots: bool = False) -> np.ndarray:
+        """Delete beads, and return the indices of the others, in the order of their slots if asked for.  As in LAMMPS the last bead moves
+        into the slot of each deleted one."""
         places = np.argsort(self.slots).tolist()
         slot = 0
         while slot < len(places):
@@ -82,6 +83,10 @@ class Atoms:
             else:
                 slot += 1
         self.slots[places] = np.arange(len(places))
+        kept = np.flatnonzero(~doomed)
+        kept = kept[np.argsort(self.slots[kept])] if by_slots else kept
+        self.take(kept)
+        return kept
 
     def index_of(self, ids: np.ndarray) -> np.ndarray:
         """Indices of beads by id.  KeyError with the first id that does not exist."""

@@ -95,9 +95,8 @@ def without_beads_of_bonds(state: DeckState) -> None:
     if not doomed.any() or np.isin(state.bonds[:, 1:], state.atoms.ids[doomed]).any():
         return
     state.note(f"{np.count_nonzero(doomed)} beads of the type {kinds[0]} of bonds (bptype) are deleted, as in LAMMPS")
-    state.atoms.vacate(doomed)
-    state.atoms.take(np.flatnonzero(~doomed))
-    state.groups = {name: mask[~doomed] for name, mask in state.groups.items()}
+    kept = state.atoms.delete(doomed)
+    state.groups = {name: mask[kept] for name, mask in state.groups.items()}
 
 
 # -- to a scene ---------------------------------------------------------------------------------------------------------------
