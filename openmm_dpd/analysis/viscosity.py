@@ -258,9 +258,7 @@ def green_kubo_viscosity(
         friction = stress.friction if friction is None else friction
         instantaneous = stress.instantaneous if instantaneous is None else instantaneous
         if stress.confined:
-            raise ParameterError(
-                "walls or immobile beads take up momentum, so the viscosity is no integral over stresses: couette_viscosity"
-            )
+            raise ParameterError("walls or immobile beads take up momentum, so stresses do not give the viscosity; use couette_viscosity")
         stress = stress.regular
     if dt is None or volume is None or kT is None:
         raise ParameterError("with stresses in an array, green_kubo_viscosity needs dt, volume and kT as well")
