@@ -17,7 +17,7 @@ from .vectors import lowest_bit
 #: So many pairs a processor computes at once; so many are in a group, at most.
 EIGHT, _MOST = np.uint64(8), np.uint64(16)
 _GROUPS, _ONE, _CHUNK, _BYTE = np.uint64(CHUNK // 16), np.uint64(1), np.uint64(CHUNK), np.uint64(8)
-#: Eight bytes: the highest bit of each, and what they begin with, so that this bit is set when sixteen seats are taken.
+#: A byte for each of the eight groups: its highest bit, and what it begins with, so that this bit is set when sixteen seats are taken.
 _FULL, _NONE = np.uint64(0x8080808080808080), np.uint64(0x7070707070707070)
 
 
