@@ -12,7 +12,8 @@ _QUIET: set[int] = set()
 
 @contextmanager
 def nothing_collected() -> Iterator[None]:
-    """A block without Python's garbage collection, which would scan all permanent objects again and again."""
+    """A block without Python's garbage collection, which would scan all permanent objects again and again; once it ends they count as old
+    (unless objects are frozen, which that would thaw)."""
     collecting = gc.isenabled()
     try:
         if collecting:
@@ -21,6 +22,9 @@ def nothing_collected() -> Iterator[None]:
         yield
     finally:
         if collecting:
+            if not gc.get_freeze_count():
+                gc.freeze()
+                gc.unfreeze()
             gc.enable()
             _QUIET.discard(get_ident())
 
