@@ -103,7 +103,7 @@ class ThermalLayer:
         if len(self._failed) != len(self.pairs.arrays.found):
             self._failed = np.zeros((len(self.pairs.arrays.found), 3))
         order, found = self.pairs.order, (self._before, self._temperature, self._capacity, self._failed)
-        if sort_temperatures(order, self.pairs.arrays.seats, call.field_values, increments, self.capacity, *found):
+        if sort_temperatures(order, self.pairs.seats, call.field_values, increments, self.capacity, *found):
             bad = np.flatnonzero(~(self._before > 0.0))
             first = bad[order[bad].argmin()]
             raise RunError(

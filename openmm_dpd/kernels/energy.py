@@ -57,7 +57,7 @@ class EnergyLayer:
     def __init__(self, table: EnergyTable, spec: PairSpec, number: int):
         assert spec.fields is not None and isinstance(spec.fields.eos, EOSTable)
         self.fields, self.eos, self.number = spec.fields, spec.fields.eos, number
-        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions)
+        self.pairs = PairList(spec.types, spec.inv_mass, table.cutoff, spec.exceptions, passes=not spec.sweeps)
         self.coefficients = table_of(table.A, table.cutoff, table.sigma, table.kappa)
         # scratch, in the order of the pair list
         self._constant = bool((self.eos.curve == CONSTANT).all())
@@ -73,7 +73,7 @@ class EnergyLayer:
 
     def _find_temperatures(self, energies: np.ndarray, increments: np.ndarray, when: str) -> None:
         """Sort internal energies, and 1/theta; RunError if an energy has none."""
-        order, seats, eos = self.pairs.order, self.pairs.arrays.seats, self.eos
+        order, seats, eos = self.pairs.order, self.pairs.seats, self.eos
         if sort_energies(order, seats, energies, increments, eos.capacity, eos.curve, *eos.curves, self._u, self._inverse):
             bad = np.flatnonzero(np.isnan(eos.of(order).thetas(self._u)))
             first = bad[order[bad].argmin()]

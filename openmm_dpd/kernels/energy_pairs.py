@@ -7,7 +7,7 @@ import numpy as np
 from ..runtime import helper, inlined, merged
 from . import energy_updates, exchange
 from .chunks import look_at, look_up
-from .columns import Motion, approach, change, deliver_rates, gather_and_clear_rates, over_pairs, push_apart
+from .columns import Motion, approach, change, deliver_rates, gather_and_clear_rates, on_forces, over_pairs, push_apart
 from .eos import near_log_ratio
 from .forces import soft
 from .groups import EIGHT
@@ -90,7 +90,7 @@ def _pair_rates(pairs, data, scratch, n, k, column):
     return values[_ENERGY + k], virial, -drag * pairs.geometry[3, n]
 
 
-energy_forces = over_pairs("energy_forces", _pair_rates, _rate_terms, first=gather_and_clear_rates, last=deliver_rates)
+energy_forces = over_pairs("energy_forces", _pair_rates, _rate_terms, first=gather_and_clear_rates, last=deliver_rates, again=on_forces)
 
 
 class Exchange(NamedTuple):

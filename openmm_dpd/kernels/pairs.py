@@ -120,8 +120,8 @@ class PairList:
         self._sorting: cells.CellScratch | None = None
         #: (M, 3) scratch of whoever needs it: positions that are being sorted, then velocities that are
         self.rows_of_beads = np.zeros((m, 3))
-        self._names, self._seats = np.zeros(0, np.uint32), self.order
-        self._stored = Pairs(self.order, self._seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1))  # type: ignore[arg-type]
+        self._names, self.seats = np.zeros(0, np.uint32), self.order
+        self._stored = Pairs(self.order, self.seats, np.zeros(m, np.int32), of_sorted, self.ntypes, *self._room(0), *_without_room(1))  # type: ignore[arg-type]
         self._shape, self._count, self._near, self._blocks = (1, 1, 1), np.zeros(2, np.uint64), 0, blocks_of(1, 1)
         self._source: listing.SortedCells | None = None
         self.passes, self.many = passes, passes and m >= MANY
@@ -150,7 +150,7 @@ class PairList:
             types, inv_mass = self._of_beads
             own, rows, seats = cells.OfBeads(types.copy(), inv_mass.copy()), np.empty(len(names), np.uint32), np.empty_like(self.order)
             stored, its = self._stored._replace(seats=seats), self._of_beads
-            self._given, self._of_beads, self._names, self._seats, self._stored, self._sorting = its, own, rows, seats, stored, None
+            self._given, self._of_beads, self._names, self.seats, self._stored, self._sorting = its, own, rows, seats, stored, None
         self._names[:] = names
         if len(self.beads) < len(names):
             self.beads[:] = np.flatnonzero(self._takes_part[names])
@@ -249,7 +249,7 @@ class PairList:
         sizes = chunks, len(self._count) - 1
         if self._sorting is None or self._sorting.place.shape != sizes:
             self._sorting = cells.scratch_for(self.rows_of_beads, len(self._names) > 0, *sizes)
-        out = self._count, self.order, self._seats, self._xs, self._stored.types, self._stored.inv_mass
+        out = self._count, self.order, self.seats, self._xs, self._stored.types, self._stored.inv_mass
         found = np.zeros(1, np.int64)
         if cells.bin_beads(x, self.beads, self._names, self._of_beads, grid, self._sorting, *out, found, parts=chunks, memory=self.memory):
             bad = cells.first_unusable(x, self.beads, grid)
