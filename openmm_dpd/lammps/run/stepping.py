@@ -116,18 +116,18 @@ class MomentumFixes:
 
 
 class Pace:
-    """The number of steps between two checks for signals: as many as take about half a second, at most 640.  It is a multiple of the
+    """The number of steps between two checks for signals: as many as take about half a second, at most 5,120.  It is a multiple of the
     integrator's replay interval, so that checking does not change which steps are computed together."""
 
-    LEAST, MOST, SECONDS = PIECE, 64 * PIECE, 0.5
+    LEAST, FASTER, MOST, SECONDS = PIECE, 8, 512 * PIECE, 0.5
 
     def __init__(self) -> None:
         self.steps = self.LEAST
 
     def took(self, steps: int, seconds: float) -> None:
         """Adapt to the time that some steps took."""
-        if steps == self.steps and seconds < 0.5 * self.SECONDS:
-            self.steps = min(2 * self.steps, self.MOST)
+        if steps == self.steps and self.FASTER * seconds < self.SECONDS:
+            self.steps = min(self.FASTER * self.steps, self.MOST)
         elif seconds > 2 * self.SECONDS:
             self.steps = max(self.steps // 2, self.LEAST)
 
