@@ -64,12 +64,12 @@ def is_gpu(platform: str | None) -> bool:
 
 
 def chosen_engine(
-    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], acts: bool, scene: Scene, guided: bool, cut: bool
+    engine: str, platform: str | None, scheme: Scheme, kinds: Sequence[Kind], acts: bool, scene: Scene, guided: bool, cut: bool, held: bool
 ) -> tuple[str, str]:
     """Name of the engine, and why it is that one.
 
     ``acts``: a pair kernel has something to do, ``guided``: a guide acts within steps, ``cut``: OpenMM has forces with a cutoff other than
-    those of charges.
+    those of charges, ``held``: a pair kernel has to compute the conservative force.
 
     Raises
     ------
@@ -81,6 +81,8 @@ def chosen_engine(
     if engine not in ("auto", DEVICE.name):
         return engine, "as asked for"
     beyond = next((kind.name for kind in kinds if kind.device is None), None)
+    apart = next((kind.name for kind in kinds if not kind.device_repels), None)
+    cut = cut or apart is not None
     mixed = any(kind.fields for kind in kinds) or sum(kind.has_densities for kind in kinds) > 1
     sheared = scene.shear is not None
     sources, species = scene.sources, getattr(scene.internal, "n_species", 0)
@@ -88,6 +90,7 @@ def chosen_engine(
         "OpenMM's own integrator steps": scheme.native,
         "there is no friction and no noise, and no force that OpenMM does not compute": not acts,
         f"it has no {beyond}": beyond is not None,
+        f"it leaves the conservative force of {apart} to OpenMM, and here that has to be the pair kernel's": held and apart is not None,
         "beads stay where they are in a shear, and forces of OpenMM's own with a cutoff would put them back into the box": cut and sheared,
         "it has no rigid bodies": bool(scene.bodies),
         "it has no walls that have a shape": not all(isinstance(wall, Wall) for wall in scene.walls),

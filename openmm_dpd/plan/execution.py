@@ -70,9 +70,9 @@ class Execution:
         return self.conservative == "kernel" or self.looped
 
 
-def conservative_place(asked: str, repulsive: bool, thermostat: bool, only: str | None, faster: bool, scheme: Scheme) -> tuple[str, str]:
+def conservative_place(asked: str, repulsive: bool, thermostat: bool, only: str | None, slower: str, scheme: Scheme) -> tuple[str, str]:
     """Where the conservative force of the pair terms is computed, and why.  ``only`` is the reason why it has to be the kernel, or None;
-    ``faster`` says whether the kernel passes over the pairs faster than OpenMM does."""
+    ``slower`` why it had better be OpenMM, or empty."""
     if not repulsive:
         return "none", "there is no repulsion"
     if only is not None:
@@ -86,7 +86,7 @@ def conservative_place(asked: str, repulsive: bool, thermostat: bool, only: str 
         return asked, "as asked for"
     if scheme.native or not thermostat:
         return "openmm", "there is no pair kernel"
-    return ("kernel", "it passes over the same pairs anyway") if faster else ("openmm", "it takes less time on this platform")
+    return ("openmm", slower) if slower else ("kernel", "it passes over the same pairs anyway")
 
 
 def why_no_loop(

@@ -1,6 +1,7 @@
 """The device beside the host's kernel, on the state of a Context: a kernel that computes something else is not run."""
 
 import logging
+from typing import Any, cast
 
 import numpy as np
 import openmm
@@ -8,7 +9,6 @@ from openmm import unit
 
 from ..base.errors import RunError
 from ..base.names import COUNTER, DT, KT, PHASE, SEED, SHEARED, Phase
-from ..kernels.forces import GAMMA, GAMMA_PERP
 from ..kernels.layer import CONSERVATIVE, DISSIPATIVE, RANDOM
 from ..kernels.shear import RATE, add_flow, flow_at
 from ..model.schemes import SWEEPS
@@ -92,8 +92,10 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
         between = v + 0.5 * conditions[1] * spec.inv_mass[:, None] * force
         expected = engine.forces(DISSIPATIVE | RANDOM, between, *conditions)[1]
         # friction makes the more of an error in velocities the stronger it is
-        frictions = [table.coefficients(conditions[0])[:, [GAMMA, GAMMA_PERP]].max() for table in spec.terms]  # type: ignore[attr-defined]
-        bound = UPDATE * (1 + conditions[1] * sum(frictions) * spec.inv_mass[mobile].max(initial=0.0))
+        told = [cast(Any, kind.device)(table) for kind, table in zip(plan.kinds, spec.terms, strict=True)]
+        along = (its["gamma"] + np.maximum(its["sigma"], 0.0) ** 2 / (2.0 * conditions[0]) for its in told)
+        frictions = sum(float(np.maximum(one, its["gammaAcross"]).max()) for one, its in zip(along, told, strict=True))
+        bound = UPDATE * (1 + conditions[1] * frictions * spec.inv_mass[mobile].max(initial=0.0))
         found["the pair update"] = (_relative(force[mobile], expected[mobile]), bound)
     return found
 

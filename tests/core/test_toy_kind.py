@@ -1,111 +1,23 @@
-"""A kind of pair coefficients that the package does not know, registered here: it builds, runs, explains, and refuses what it cannot.
-
-Exponential repulsion with ordinary friction: with E(r) = exp(-r/width) - exp(-cutoff/width) and w = 1 - r/cutoff::
-
-    F = A E(r) - gamma w^2 (e.v) + sigma w xi/sqrt(dt)
-"""
+"""A kind of pair coefficients that the package does not know, registered here: it builds, runs, explains, and refuses what it cannot."""
 
 import subprocess
 import sys
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from dataclasses import replace
 
 import numpy as np
 import openmm
 import pytest
 from cases import raises
 from openmm import app
-from scenes import BOXES, MASSES
+from toy_kind import BOX, PAIRS, Exponential, N, potential, scene, terms
 
 import openmm_dpd as dpd
 from openmm_dpd.base import serialized
 from openmm_dpd.base.geometry import minimum_images
-from openmm_dpd.kernels.dpd import DPDLayer, TermTable
-from openmm_dpd.kernels.layer import CONSERVATIVE
 from openmm_dpd.lammps import export_lammps
 from openmm_dpd.measure import StressReporter
-from openmm_dpd.model.pairs import PairCoefficient
 from openmm_dpd.model.schemes import SCHEMES
 from openmm_dpd.plan import kinds
-from openmm_dpd.plan.forces.expressions import PairExpression, parameters, type_pairs
-
-BOX, N = BOXES["ortho"], 90
-
-
-@dataclass(frozen=True)
-class Exponential(PairCoefficient):
-    A: float
-    gamma: float = 0.0
-    width: float = 0.4
-    cutoff: float = 1.0
-
-    @property
-    def has_thermostat(self) -> bool:
-        return self.gamma > 0
-
-
-@dataclass(frozen=True, eq=False)
-class ExponentialTable:
-    friction: TermTable
-    A: np.ndarray
-    width: np.ndarray
-
-    @property
-    def cutoff(self) -> np.ndarray:
-        return self.friction.cutoff
-
-    def layer(self, spec, number):
-        return ExponentialLayer(self, spec, number)
-
-
-class ExponentialLayer:
-    """Friction and noise are those of DPD, the repulsion is added in numpy."""
-
-    def __init__(self, table, spec, number):
-        self._table, self._spec = table, spec
-        self._friction = DPDLayer(table.friction, spec, number)
-        self.pairs = self._friction.pairs
-
-    def _pairs(self):
-        i, j, e, r, factor = self.pairs.listed()
-        at = self._spec.types[i], self._spec.types[j]
-        return i, j, e, r, factor * self._table.A[at], self._table.width[at], self._table.cutoff[at]
-
-    def forces(self, call, out, add):
-        sums = self._friction.forces(call, out, add)
-        if not call.which & CONSERVATIVE:
-            return sums
-        i, j, e, r, A, width, cutoff = self._pairs()
-        end = np.exp(-cutoff / width)
-        force = A * (np.exp(-r / width) - end)
-        np.add.at(out, i, force[:, None] * e)
-        np.add.at(out, j, -force[:, None] * e)
-        energy = np.sum(width * force + A * end * (r - cutoff))
-        # the Laplacian that came with the friction is not that of this repulsion
-        return replace(sums, energy=sums.energy + float(energy), virial=sums.virial + float(force @ r), laplacian=None)
-
-    def sweep(self, call, v, increments):
-        self._friction.sweep(call, v, increments)
-
-    def laplacian(self):
-        i, j, _, r, A, width, cutoff = self._pairs()
-        mobile = (self._spec.inv_mass[i] > 0).astype(float) + (self._spec.inv_mass[j] > 0)
-        curve = A * np.exp(-r / width) / width - 2.0 * A * (np.exp(-r / width) - np.exp(-cutoff / width)) / r
-        return float(mobile @ curve)
-
-
-def _terms(table, beads):
-    one, zero = np.ones((len(beads.names),) * 2), np.zeros((len(beads.names),) * 2)
-    names = ("gamma", "cutoff", "A", "width")
-    gamma, cutoff, A, width = (type_pairs(table, beads.names, attrgetter(name), 0.0) for name in names)
-    return ExponentialTable(TermTable(zero, gamma, np.full_like(A, np.nan), zero, one, one, cutoff), A, np.where(width > 0, width, 1.0))
-
-
-def _potential(table, names):
-    columns = {"A": ("A", 0.0), "d": ("width", 1.0), "rc": ("cutoff", 1.0)}
-    text, functions = parameters({at: type_pairs(table, names, attrgetter(name), other) for at, (name, other) in columns.items()})
-    energy, cutoff = f"step(rc-r)*A*(d*(exp(-r/d)-exp(-rc/d))+exp(-rc/d)*(r-rc)){text}", max(c.cutoff for c in table.values())
-    return PairExpression(name="exponential", energy=energy, cutoff=cutoff, functions=functions, skips_coincident=True)
 
 
 @pytest.fixture
@@ -113,24 +25,11 @@ def register():
     """Registers a kind for the time of a test."""
 
     def known(**more):
-        return kinds.register(kinds.Kind(coefficient=Exponential, terms=_terms, **more))
+        return kinds.register(kinds.Kind(coefficient=Exponential, terms=terms, **more))
 
     yield known
     kinds.KINDS.pop(Exponential, None)
-    serialized._REGISTERED.discard(__name__)
-
-
-PAIRS = {
-    ("A", "A"): Exponential(A=60.0, gamma=4.5),
-    ("A", "B"): Exponential(A=80.0, gamma=2.0, width=0.3),
-    ("B", "B"): Exponential(A=40.0, gamma=9.0, width=0.5, cutoff=1.2),
-}
-
-
-def scene(pairs=PAIRS, **options) -> dpd.Scene:
-    rng = np.random.default_rng(3)
-    types = rng.choice(["A", "B"], N).tolist()
-    return dpd.Scene(MASSES, types, rng.random((N, 3)) @ BOX, pairs, kT=1.0, box=BOX, **options)
+    serialized._REGISTERED.discard(Exponential.__module__)
 
 
 def expected_on(bead, x, types):
@@ -147,7 +46,7 @@ def expected_on(bead, x, types):
 
 @pytest.mark.parametrize("choice", ["kernel", "openmm"])
 def test_it_has_its_forces_and_energy(register, choice):
-    register(potential=_potential)
+    register(potential=potential)
     beads = scene()
     built = dpd.build(beads, dt=0.01, conservative=choice, platform="Reference", seed=1)
     energy, force, virial = map(np.array, zip(*(expected_on(k, beads.positions, beads.types) for k in range(N)), strict=True))
@@ -197,7 +96,7 @@ def test_it_is_explained_and_the_kernel_holds_it(register):
 
 
 def test_what_it_cannot_is_refused(register, tmp_path):
-    register(potential=_potential)
+    register(potential=potential)
     beads = scene()
     choices = {"dt": 0.01, "platform": "Reference", "seed": 1}
     raises(dpd.PlanError, "isothermal DPD only, not Exponential", dpd.build, beads, scheme="native", **choices)
@@ -218,8 +117,8 @@ def test_systems_with_it_are_read_where_it_is_known(register, tmp_path):
     system, path = dpd.build(scene(), dt=0.01, platform="CPU", seed=1).system, tmp_path / "system.xml"
     path.write_text(openmm.XmlSerializer.serialize(system), encoding="utf-8")
     assert dpd.load_xml(path).getNumForces() == system.getNumForces()
-    serialized._REGISTERED.discard(__name__)
-    raises(dpd.ParameterError, "asks for test_toy_kind.ExponentialTable", lambda: dpd.load_xml(path))
+    serialized._REGISTERED.discard(Exponential.__module__)
+    raises(dpd.ParameterError, "asks for toy_kind.ExponentialTable", lambda: dpd.load_xml(path))
 
 
 def test_a_kind_that_makes_no_sense_is_refused(register):
@@ -229,7 +128,7 @@ def test_a_kind_that_makes_no_sense_is_refused(register):
     raises(dpd.ParameterError, "ExponentialLayer has no method tensors, though its kind says has_stress", lambda: StressReporter(1, built))
     raises(dpd.ParameterError, "there is a kind for Exponential already", register)
     raises(dpd.ParameterError, "either terms of the pair kernel or an overlay", lambda: kinds.Kind(coefficient=Exponential))
-    raises(dpd.ParameterError, "its per-bead fields", lambda: kinds.Kind(coefficient=dpd.EDPD, terms=_terms))
+    raises(dpd.ParameterError, "its per-bead fields", lambda: kinds.Kind(coefficient=dpd.EDPD, terms=terms))
 
 
 Warm = type("Warm", (dpd.EnergyDPD,), {})  # energies under another name

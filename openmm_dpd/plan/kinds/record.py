@@ -76,6 +76,7 @@ class Kind:
     exchange: Callable[[Any, float], float] = lambda *_: 0.0
     #: (of its kernel table) attributes of the plugin's Force, see :mod:`openmm_dpd.plan.forces.device_force`; None: not on the device
     device: Callable[[Any], dict[str, np.ndarray]] | None = None
+    device_repels: bool = True  #: Whether the device has its conservative force too; otherwise OpenMM computes that there, by ``potential``
     unlike_lammps: str | None = None  #: Differences from LAMMPS unless a scene has ``compat="lammps"``
 
     def __post_init__(self):
