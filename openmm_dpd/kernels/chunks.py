@@ -24,15 +24,15 @@ def look_up_one(table, column, pairs, m, scratch, row):
 
 
 @helper
-def look_up(table, count, pairs, begin, m, scratch, row):
-    """Put the factors, 0 beyond the cutoff, and then so many columns of a table of coefficients (the second is the cutoff) to rows of the
-    values from this one on."""
+def look_up(table, columns, pairs, begin, m, scratch, row):
+    """Put the factors, 0 beyond the cutoff, and some columns of a table of coefficients, the cutoff (the second) among them, to rows of the
+    values from this one on; each column has a row of its own."""
     values, cutoff = scratch.values, row + SECOND + SECOND
     if pairs.ntypes > 1:
         for k in range(m):
             scratch.indices[k] = row_of(pairs, pairs.pi[begin + k], pairs.pj[begin + k])
-    for column in range(np.uint64(count)):
-        look_up_one(table, column, pairs, m, scratch, row + (column + np.uint64(1)) * SECOND)
+    for column in columns:
+        look_up_one(table, column, pairs, m, scratch, row + np.uint64(column + 1) * SECOND)
     for k in range(m):
         values[row + k] = factor_of(pairs, begin + k) if pairs.geometry[3, begin + k] < values[cutoff + k] else 0.0
 
@@ -40,16 +40,17 @@ def look_up(table, count, pairs, begin, m, scratch, row):
 @helper
 def powers(m, scratch, base, exponent):
     """Put a row of the values to the :func:`power` in another one, 0 where it is not above 0."""
-    values, easy = scratch.values, np.uint64(0)
+    values, ones, roots = scratch.values, np.uint64(0), np.uint64(0)
     for k in range(m):
         s = values[exponent + k]
         values[base + k] = max(0.0, values[base + k])
-        easy += np.uint64(s == 1.0) + np.uint64(s == 0.5)
-    if easy == m:
+        ones += np.uint64(s == 1.0)
+        roots += np.uint64(s == 0.5)
+    if ones < m and ones + roots == m:
         for k in range(m):
             w, root = values[base + k], np.sqrt(values[base + k])
             values[base + k] = w if values[exponent + k] == 1.0 else root
-    else:
+    elif ones < m:
         for k in range(m):
             values[base + k] = power(values[base + k], values[exponent + k])
 

@@ -21,6 +21,7 @@ from .sweeps import decay, gather_velocities, relaxed, scatter_velocities
 #: Columns of the coefficient table; the last two are where four coefficients of a polynomial begin.
 A, CUTOFF, GAMMA, EXPONENT, KAPPA, EXPONENT_T, CUTOFF_T, EXPONENT_POLYNOMIAL = range(8)
 KAPPA_POLYNOMIAL = EXPONENT_POLYNOMIAL + 4
+_COLUMNS = tuple(range(KAPPA_POLYNOMIAL + 4))
 #: Streams of the pair's random numbers.
 MOTION, HEAT, MOTION_TEST, HEAT_TEST = range(4)
 #: Rows of scratch.  What e.v is multiplied with, all else of the force, the energy; of the energy that each bead gets, which is (RUB e.v -
@@ -62,7 +63,7 @@ def _write_down(failed, column, i, j, mean):
 @inlined
 def _look_around(pairs, data, begin, m, scratch):
     """Fill the rows that both forms have in common."""
-    look_up(data.coefficients, len(_TABLE), pairs, begin, m, scratch, _FACTOR)
+    look_up(data.coefficients, _COLUMNS, pairs, begin, m, scratch, _FACTOR)
     look_at(pairs.inv_mass, pairs, begin, m, scratch, _MI, _MJ)
     look_at(data.capacity, pairs, begin, m, scratch, _CI, _CJ)
 

@@ -31,7 +31,7 @@ _CI, _CJ, _SUM, _OTHER, _TEST, _TEST_T, _DRIFT, _ALIKE, _EV, _UI, _UJ, _WI, _WJ,
 def _look_around(pairs, data, begin, m, scratch):
     """Fill the rows of all forms."""
     values, r = scratch.values, pairs.geometry[3]
-    look_up(data.coefficients, KAPPA + 1, pairs, begin, m, scratch, _FACTOR)
+    look_up(data.coefficients, (A, CUTOFF, SIGMA, KAPPA), pairs, begin, m, scratch, _FACTOR)
     look_at(pairs.inv_mass, pairs, begin, m, scratch, _MI, _MJ)
     draw(data.key, pairs, begin, m, scratch, _XI)
     draw_directed(HEAT, m, scratch, _XI_T)

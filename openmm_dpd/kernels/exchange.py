@@ -63,7 +63,7 @@ def around(pairs: PairList, spec: PairSpec, rate: float, kappa, cutoff, exponent
 def _rates(pairs, data, begin, m, scratch):
     values, r = scratch.values, pairs.geometry[3]
     for species in range(len(data.sums)):
-        look_up(data.coefficients[species], 3, pairs, begin, m, scratch, _FACTOR)
+        look_up(data.coefficients[species], (0, 1, 2), pairs, begin, m, scratch, _FACTOR)
         for k in range(m):
             values[_WEIGHT + k] = 1.0 - r[begin + k] / values[_CUTOFF + k]
         powers(m, scratch, _WEIGHT, _EXPONENT)

@@ -41,6 +41,8 @@ A, CUTOFF, GAMMA, SIGMA, GAMMA_PERP, SIGMA_PERP, EXPONENT, EXPONENT_PERP = range
 #: Rows of scratch; the last ones, those of factors and coefficients, are those of sweeps too.
 _DRAG, _PUSH, _ENERGY, _NOISE, _HELD, _CURVE, _ACROSS, _ALONG, _X, _Y, _Z, FACTOR, *_COLUMNS = rows(20)
 TABLE = tuple(_COLUMNS)
+#: Columns of the radial terms, and of the transverse ones.
+_RADIAL_COLUMNS, _TRANSVERSE_COLUMNS = (A, CUTOFF, GAMMA, SIGMA, EXPONENT), (GAMMA_PERP, SIGMA_PERP, EXPONENT_PERP)
 
 
 _NOTHING = np.zeros((0, 3))
@@ -121,7 +123,7 @@ def _terms(pairs, data, begin, m, scratch):
         for k in range(m):
             _each(values, k, a, cutoff, gamma, sigma, 1.0 - g[3, begin + k] / cutoff, 1.0, g[3, begin + k])
         return
-    look_up(c, len(TABLE), pairs, begin, m, scratch, FACTOR)
+    look_up(c, _RADIAL_COLUMNS, pairs, begin, m, scratch, FACTOR)
     for k in range(m):
         values[_ALONG + k] = 1.0 - g[3, begin + k] / values[TABLE[CUTOFF] + k]
     powers(m, scratch, _ALONG, TABLE[EXPONENT])
@@ -166,6 +168,8 @@ def _any_terms(pairs, data, begin, m, scratch):
     radial_terms(pairs, data, begin, m, scratch)
     if noisy:
         draw_across(pairs, begin, m, scratch, _X, _Y, _Z, _ALONG)
+    for column in _TRANSVERSE_COLUMNS:
+        look_up_one(data.coefficients, column, pairs, m, scratch, TABLE[column])
     for k in range(m):
         values[_ALONG + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
     powers(m, scratch, _ALONG, TABLE[EXPONENT_PERP])
@@ -282,8 +286,7 @@ def soft_laplacian(pairs: PairList, coefficients: np.ndarray) -> float:
 def _tensor_terms(pairs, data, begin, m, scratch):
     """Repulsion, and what the velocity along the line is multiplied with."""
     values, r = scratch.values, pairs.geometry[3]
-    look_up(data.coefficients, GAMMA + 1, pairs, begin, m, scratch, FACTOR)
-    look_up_one(data.coefficients, EXPONENT, pairs, m, scratch, TABLE[EXPONENT])
+    look_up(data.coefficients, _RADIAL_COLUMNS, pairs, begin, m, scratch, FACTOR)
     for k in range(m):
         values[_ALONG + k] = 1.0 - r[begin + k] / values[TABLE[CUTOFF] + k]
     powers(m, scratch, _ALONG, TABLE[EXPONENT])

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..runtime import helper, inlined
-from .chunks import look_at, look_up, powers
+from .chunks import look_at, look_up, look_up_one, powers
 from .columns import Totals, along_flow, approach, change, if_sheared, on_velocities, over_pairs
 from .elementary import exp
 from .forces import CUTOFF, EXPONENT, EXPONENT_PERP, FACTOR, GAMMA, GAMMA_PERP, TABLE, across, draw_across
@@ -137,7 +137,7 @@ def updates(pairs, data, begin, m, scratch):
     if data.plain:
         _plain_updates(pairs, data, begin, m, values)
         return
-    look_up(data.coefficients, len(TABLE), pairs, begin, m, scratch, FACTOR)
+    look_up(data.coefficients, (CUTOFF, GAMMA, EXPONENT), pairs, begin, m, scratch, FACTOR)
     look_at(pairs.inv_mass, pairs, begin, m, scratch, _MASS, _OTHER)
     for k in range(m):
         values[_MASS + k] += values[_OTHER + k]
@@ -154,6 +154,8 @@ def _any_updates(pairs, data, begin, m, scratch):
     values = scratch.values
     updates(pairs, data, begin, m, scratch)
     draw_across(pairs, begin, m, scratch, _X, _Y, _Z, _ALONG)
+    for column in (GAMMA_PERP, EXPONENT_PERP):
+        look_up_one(data.coefficients, column, pairs, m, scratch, TABLE[column])
     _look_up_lost(pairs, data, begin, m, scratch, _ACROSS, TABLE[GAMMA_PERP], TABLE[EXPONENT_PERP])
     for k in range(m):
         lost, im = values[_ACROSS + k], values[_MASS + k]
