@@ -266,7 +266,8 @@ class PairList:
             edges = np.abs(most_tilted(grid.box) if self.slides else grid.box).sum()
             rounding = np.finfo(np.float32).eps * (16.0 * edges + 8.0 * self.cutoff) * self.cutoff
             squares = self._cut2, self.cutoff**2, self.cutoff**2 + rounding, 0.0 if self.coincident else listing.R_MIN2
-            rule = *squares, self.ntypes, *self.exceptions
+            types = self.ntypes if np.ptp(self._cut2) else 1  # of one range
+            rule = *squares, types, *self.exceptions
             order = listing.SPREAD if self.spread else listing.GROUPED if self.grouped else listing.USUAL
             space = now[-10:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
             self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *order, *space)  # type: ignore[arg-type]
