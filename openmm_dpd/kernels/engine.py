@@ -16,9 +16,10 @@ from .bodies import Bodies
 from .columns import Totals
 from .dpd import SweptLayer
 from .eos import CONSTANT
+from .exceptions import Exceptions
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
-from .pairs import MANY, Exceptions
+from .pairs import MANY
 
 
 class PairEngine(Engine):

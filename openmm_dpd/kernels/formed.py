@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from ..base.geometry import minimum_images
-from .pairs import Exceptions
+from .exceptions import Exceptions
 
 
 def bonds_in(table: np.ndarray, sort: int) -> np.ndarray:

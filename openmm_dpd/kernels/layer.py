@@ -9,10 +9,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from .columns import Motion
+from .exceptions import Exceptions, no_exceptions
 from .extras import BondedKernel, Extra
 from .fields import FieldSpec
 from .noise import told_key
-from .pairs import Exceptions, PairList, no_exceptions
+from .pairs import PairList
 from .segments import SegmentSpec
 
 #: Which terms an evaluation adds up.

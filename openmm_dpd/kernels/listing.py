@@ -13,6 +13,7 @@ import numpy as np
 
 from ..runtime import Kernel, helper, inlined, meet, merged
 from .cells import most_near
+from .exceptions import factor_of_beads, leave_out
 from .vectors import LANES, bits_set, close_by, copy_shifted, count_up, fetch, lowest_bit
 
 #: Square of the distance (nm^2) below which a pair exerts no force: it is not listed, or with 0 for direction and distance.
@@ -38,8 +39,8 @@ class SortedCells(NamedTuple):
 
     The sorted beads and their cells: positions (3, M or more), first bead of each cell, and the :class:`.cells.Grid`.  Which beads are
     pairs: the squares of the cutoffs of all types, of the longest one, of what that can be in single precision, and of the least distance;
-    exceptions in compressed rows (of length 0 if there are none).  How pairs are ordered: :data:`USUAL` or one of the others.  What each
-    thread writes on: see :func:`space_for`.
+    exceptions in compressed rows (of length 0 if there are none), and how far apart the numbers of their beads are at most.  How pairs are
+    ordered: :data:`USUAL` or one of the others.  What each thread writes on: see :func:`space_for`.
     """
 
     xs: np.ndarray
@@ -58,6 +59,7 @@ class SortedCells(NamedTuple):
     exc_start: np.ndarray
     exc_bead: np.ndarray
     exc_factor: np.ndarray
+    exc_apart: np.uint64
     rows: np.uint64
     batch: np.uint64
     near: np.ndarray
@@ -81,15 +83,6 @@ def space_for(parts: int, nx: int, most: int) -> tuple[np.ndarray, ...]:
     # what is short has room behind it: threads that write on one line of the cache wait for each other all the time
     ends = np.empty((parts, nx + 3 + LINE), np.uint64), np.empty((parts, nx + 3 + LINE), np.uint64)
     return *copied, *found, *ends, np.empty((parts, 5 + LINE), np.int64), np.empty((parts, 5 + LINE, 3))
-
-
-@inlined
-def _factor(rule, i, j):
-    """Factor of the bonded neighbours i, j; 1 if they are none."""
-    for k in range(rule.exc_start[i], rule.exc_start[i + 1]):
-        if rule.exc_bead[k] == j:
-            return rule.exc_factor[k]
-    return 1.0
 
 
 @inlined
@@ -203,7 +196,7 @@ def _keep(rule, order, types, near, bead, hits, m):
         r2 = dx * dx + dy * dy + dz * dz
         kept = (r2 < (rule.cut2[types[i] * rule.ntypes + types[j]] if rule.ntypes > 1 else rule.longest2)) & (r2 >= rule.least2)
         if len(rule.exc_start) and kept:
-            factor[n] = _factor(rule, order[i], order[j])
+            factor[n] = factor_of_beads(rule, order[i], order[j])
             kept = factor[n] != 0.0
         who[n], whom[n] = s, k
         n += np.uint64(kept)
@@ -262,10 +255,12 @@ def _write(near, bead, hits, m, n, rule, out):
 @inlined
 def _flush(rule, order, types, near, bead, hits, m, n, room, out):
     """Turn the m hits into pairs number n and following; returns the number of the next one, also where there was no room for all."""
-    exact = rule.ntypes > 1 or len(rule.exc_start) > 0
+    exact = rule.ntypes > 1
     while True:
         if exact:
             m = _keep(rule, order, types, near, bead, hits, m)
+        elif len(rule.exc_start):
+            m = leave_out(rule, order, bead, hits, m)
         if n + m > room or _write(near, bead, hits, m, n, rule, out) or exact:
             return n + m
         exact = True
@@ -378,7 +373,7 @@ def _list_pairs_small_box(pairs, source, part, parts, team):
                     continue
                 factor = 1.0
                 if len(source.exc_start):
-                    factor = _factor(source, order[i], order[j])
+                    factor = factor_of_beads(source, order[i], order[j])
                     if factor == 0.0:
                         continue
                 if n < end:

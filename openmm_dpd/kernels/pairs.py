@@ -8,30 +8,13 @@ from ..base.errors import RunError, bead_number
 from ..base.geometry import most_tilted, widths
 from ..runtime import threads_for
 from . import cells, listing
+from .exceptions import Exceptions, most_apart, no_exceptions
 from .shares import Shares, abreast, blocks_of, by_colours, share_out
 
 #: From so many beads on all their pairs are more than what the processor has at hand: to list them again is faster than to read them.
 MANY = 50_000
 #: After so many lists of many beads it is looked again how the work is shared.
 _SHARED = 20
-
-#: Exceptions of a list without any: bonded neighbours in compressed rows, start (N + 1,), bead (E,), factor (E,).
-Exceptions = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
-def no_exceptions() -> Exceptions:
-    """Exceptions of beads that have none: the rows have no start."""
-    return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
-
-
-def compressed_exceptions(factors: dict[tuple[int, int], float], n_beads: int, changes: bool = False) -> Exceptions:
-    """Factors of pairs of beads as exceptions, each in both directions; where they will change there are rows even without any."""
-    if not factors and not changes:
-        return no_exceptions()
-    rows = sorted([(i, j, f) for (i, j), f in factors.items()] + [(j, i, f) for (i, j), f in factors.items()])
-    first = np.array([row[0] for row in rows], np.int64)
-    start = np.concatenate([[0], np.cumsum(np.bincount(first, minlength=n_beads))])
-    return start.astype(np.int64), np.array([row[1] for row in rows], np.int64), np.array([row[2] for row in rows])
 
 
 class Pairs(NamedTuple):
@@ -266,8 +249,8 @@ class PairList:
             edges = np.abs(most_tilted(grid.box) if self.slides else grid.box).sum()
             rounding = np.finfo(np.float32).eps * (16.0 * edges + 8.0 * self.cutoff) * self.cutoff
             squares = self._cut2, self.cutoff**2, self.cutoff**2 + rounding, 0.0 if self.coincident else listing.R_MIN2
-            types = self.ntypes if np.ptp(self._cut2) else 1  # of one range
-            rule = *squares, types, *self.exceptions
+            types = self.ntypes if np.ptp(self._cut2) else 1  # one for one range
+            rule = *squares, types, *self.exceptions, most_apart(self.exceptions)
             order = listing.SPREAD if self.spread else listing.GROUPED if self.grouped else listing.USUAL
             space = now[-10:] if now is not None and fits else listing.space_for(parts, grid.nx, self._near + self._near // 4)
             self._source = now = listing.SortedCells(self._xs, self._count, *grid, *rule, *order, *space)  # type: ignore[arg-type]

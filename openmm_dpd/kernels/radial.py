@@ -16,7 +16,8 @@ import numpy as np
 from ..runtime import helper, inlined
 from .columns import Motion, Totals, clear, deliver, factor_of, over_pairs, push_apart
 from .elementary import exp, log, sine
-from .pairs import Exceptions, PairList, no_exceptions
+from .exceptions import Exceptions, no_exceptions
+from .pairs import PairList
 
 #: The number of a table for types with a formula.
 FORMULA = -2

@@ -14,11 +14,12 @@ import numpy as np
 from ..base.errors import RunError
 from ..base.geometry import minimum_images
 from ..runtime import compiled, inlined
+from .exceptions import Exceptions
 from .extras import BondedKernel
 from .formed import BeadsOf, bonds_in, bonds_now, exceptions_in, in_angles, oldest_bonds
 from .moment import Moment, SlowForces, StepSpec, Watch
 from .noise import noise_key, pair_key, uniform
-from .pairs import Exceptions, PairList
+from .pairs import PairList
 from .segments import SegmentSpec
 from .steps import StepLoop
 

@@ -22,8 +22,9 @@ import numpy as np
 from ..base.errors import RunError, bead_names, in_length
 from ..runtime import Kernel, helper, inlined
 from .columns import add_stress, over_pairs
+from .exceptions import no_exceptions
 from .extras import bead_rows, box_array, inverse_edges, minimum_image
-from .pairs import PairList, no_exceptions
+from .pairs import PairList
 
 MID, NEAREST, CLAMPED = range(3)
 #: Distance (nm) below which a contact has no direction, and exerts no force.

@@ -8,11 +8,11 @@ import numpy as np
 from ..base.geometry import pairs_within, widths
 from ..kernels import external
 from ..kernels.bodies import BodySpec
+from ..kernels.exceptions import compressed_exceptions
 from ..kernels.external import BodyTerms
 from ..kernels.extras import Extra
 from ..kernels.fields import FieldSpec
 from ..kernels.layer import PairSpec
-from ..kernels.pairs import compressed_exceptions
 from ..kernels.radial import RadialTerms
 from ..kernels.solids import Carried
 from ..kernels.sweeps import EXACT, SHARDLOW

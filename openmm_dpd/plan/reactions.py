@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from ..kernels.exceptions import compressed_exceptions
 from ..kernels.formed import BeadsOf, Formed, Left, Segments, both_ways, of_sorts
-from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import BondsSpec, ReactionSpec, turn
 from ..model.reactions import bond_sorts, terms_formed, terms_like, terms_taken, types_change
 from ..model.scene import Scene

@@ -9,8 +9,8 @@ import openmm
 
 from ..base.names import GUIDE
 from ..base.units import keep
+from ..kernels.exceptions import compressed_exceptions
 from ..kernels.formed import bonds_in, both_ways
-from ..kernels.pairs import compressed_exceptions
 from ..kernels.reactions import types_in
 from ..model.reactions import bond_sorts, terms_like, types_change
 from ..plan.pair_spec import neighbour_factors, neighbours_change

@@ -18,8 +18,8 @@ from scenes import BOX, BOXES, MASSES, noise_of, ready
 import openmm_dpd as dpd
 from openmm_dpd.kernels.dpd import TermTable
 from openmm_dpd.kernels.engine import CONSERVATIVE, DISSIPATIVE, RANDOM, PairEngine, PairSpec
+from openmm_dpd.kernels.exceptions import compressed_exceptions
 from openmm_dpd.kernels.manybody import ManyBodyTable
-from openmm_dpd.kernels.pairs import compressed_exceptions
 from openmm_dpd.kernels.sweeps import EXACT, SHARDLOW
 from openmm_dpd.model.mdpd import MDPD, check_many_body, why_no_openmm_force
 from openmm_dpd.model.pairs import NONE
