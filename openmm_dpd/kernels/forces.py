@@ -182,18 +182,23 @@ def _any_terms(pairs, data, begin, m, scratch):
         values[_Z + k] = scale * values[_Z + k] if noisy else 0.0
 
 
-@inlined
-def _repulsion(pairs, coefficients, f, n):
-    i, j = pairs.pi[n], pairs.pj[n]
-    row = row_of(pairs, i, j)
-    radial, energy = soft(factor_of(pairs, n) * coefficients[row, A], coefficients[row, CUTOFF], pairs.geometry[3, n])
-    return energy, push_apart(pairs, f, n, i, j, radial)
+@helper
+def _repulsion_terms(pairs, data, begin, m, scratch):
+    values, r, c = scratch.values, pairs.geometry[3], data.coefficients
+    if pairs.ntypes == 1 and not len(pairs.factors):
+        for k in range(m):
+            values[_PUSH + k], values[_ENERGY + k] = soft(c[0, A], c[0, CUTOFF], r[begin + k])
+    else:
+        look_up(c, (A, CUTOFF), pairs, begin, m, scratch, FACTOR)
+        for k in range(m):
+            a, cutoff = values[FACTOR + k] * values[TABLE[A] + k], values[TABLE[CUTOFF] + k]
+            values[_PUSH + k], values[_ENERGY + k] = soft(a, cutoff, r[begin + k])
 
 
 @inlined
 def _conservative(pairs, data, scratch, n, k, column):
-    energy, virial = _repulsion(pairs, data.coefficients, data.motion.f, n)
-    return energy, virial, 0.0
+    virial = push_apart(pairs, data.motion.f, n, pairs.pi[n], pairs.pj[n], scratch.values[_PUSH + k])
+    return scratch.values[_ENERGY + k], virial, 0.0
 
 
 @inlined
@@ -220,7 +225,7 @@ def _any(pairs, data, scratch, n, k, column):
 
 
 # the usual cases apart: what need not be asked for each pair is a third of the time
-conservative_forces = over_pairs("conservative_forces", _conservative, first=clear, last=deliver, again=on_forces)
+conservative_forces = over_pairs("conservative_forces", _conservative, _repulsion_terms, first=clear, last=deliver, again=on_forces)
 _central_forces = over_pairs("central_forces", central_force, radial_terms, first=gather_and_clear, last=deliver, again=on_forces)
 _any_forces = over_pairs("any_forces", _any, _any_terms, first=gather_and_clear, last=deliver, again=on_forces)
 
@@ -255,7 +260,7 @@ def _pair_laplacian(pairs, data, scratch, n, k, column):
 def _curved(pairs, data, scratch, n, k, column):
     # first: after a force is written all has to be read again
     laplacian = _pair_laplacian(pairs, data, scratch, n, k, column)[0]
-    energy, virial = _repulsion(pairs, data.coefficients, data.motion.f, n)
+    energy, virial, _ = _conservative(pairs, data, scratch, n, k, column)
     return energy, virial, 0.0, laplacian, virial
 
 
@@ -270,7 +275,7 @@ def _parted(pairs, data, scratch, n, k, column):
 
 
 _laplacian = over_pairs("laplacian", _pair_laplacian, parallel=False)
-_curved_forces = over_pairs("curved_forces", _curved, first=clear, last=deliver, parts=True)
+_curved_forces = over_pairs("curved_forces", _curved, _repulsion_terms, first=clear, last=deliver, parts=True)
 _parted_forces = over_pairs(
     "parted_forces", _parted, _apart_terms, first=columns.gather_and_clear_both, last=columns.deliver_both, parts=True
 )
