@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import DPDError, ParameterError, in_number, in_units, unit_name, what_is
+from ..base.errors import DPDError, ParameterError, in_number, in_units, require, unit_name, what_is
 from ..base.units import to_md
 from ..model.scene import Scene
 from ..model.schemes import SCHEMES, scheme_of
@@ -158,8 +158,8 @@ def recommend(
         raise ParameterError(
             "atoms and beads in one System need the step and scheme of the atoms (docs/howto/mixed.md), not one of the table"
         )
-    if not isinstance(scene, Scene):
-        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
+    require(scene, Scene, "expected a Scene")
+    require(table, StabilityTable | None, "table must be a StabilityTable")
     error = to_md(error, "dimensionless", "error")
     if not isinstance(error, float) or not SMALLEST <= error <= LEVELS[-1]:
         raise ParameterError(

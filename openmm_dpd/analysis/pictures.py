@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..io.pictures import finish_axis, new_figure, with_unit, write_picture
 from .clusters import Clusters
 from .diffusion import MeanSquaredDisplacement, diffusion_coefficient
@@ -86,8 +86,7 @@ def displacement_picture(
     title: str = "",
 ) -> None:
     """Plot a mean squared displacement on logarithmic axes; with ``fit``, add the line of :func:`diffusion_coefficient` and its D."""
-    if not isinstance(displacement, MeanSquaredDisplacement):
-        raise ParameterError(f"expected what mean_squared_displacement returns, not {what_is(displacement)}")
+    require(displacement, MeanSquaredDisplacement, "expected what mean_squared_displacement returns")
     figure, axis = _axes()
     later = displacement.x > 0
     shown = Curve(displacement.x[later], displacement.y[later], displacement.sem[later], displacement.n_frames)
@@ -110,8 +109,7 @@ def displacement_picture(
 
 def cluster_picture(path: str | os.PathLike, clusters: Clusters, *, title: str = "") -> None:
     """Plot the distribution of cluster sizes: the share of all beads or molecules that is in clusters of each size, and both means."""
-    if not isinstance(clusters, Clusters):
-        raise ParameterError(f"expected what cluster_sizes returns, not {what_is(clusters)}")
+    require(clusters, Clusters, "expected what cluster_sizes returns")
     figure, axis = _axes()
     size, count = clusters.distribution
     shares = size * count / np.sum(size * count)

@@ -92,6 +92,16 @@ def what_is(value) -> str:
     return f"{'an' if kind[:1] in 'AEIOUaeiou' else 'a'} {kind}"
 
 
+def require(value, kind, wanted: str) -> None:
+    """Raise ParameterError, whose text begins with what is ``wanted``, unless a value is of a type, or of one of several."""
+    if not isinstance(value, kind):
+        raise ParameterError(f"{wanted}, not {what_is(value)}")
+
+
+#: What :func:`require` says of a context.
+A_CONTEXT = "context must be an openmm.Context, such as simulation.context"
+
+
 def optional_package(name: str, extra: str, what: str) -> ModuleType:
     """Import and return a module such as ``gsd.hoomd``; if it is missing, ParameterError names what needs it and the extra that installs
     it."""

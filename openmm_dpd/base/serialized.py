@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import openmm
 
-from .errors import ParameterError
+from .errors import ParameterError, require
 
 #: Functions and classes that rebuild arrays, in NumPy 1 and 2.
 ARRAYS = {
@@ -106,7 +106,10 @@ def load_xml(file: str | os.PathLike | TextIO) -> Any:
 
 def read_file(file: str | os.PathLike | TextIO) -> str:
     """Text of a file, given its path or an open file."""
-    return Path(file).read_text(encoding="utf-8") if isinstance(file, (str, os.PathLike)) else file.read()
+    if hasattr(file, "read"):
+        return file.read()
+    require(file, (str, os.PathLike), "file must be a path or a text file open for reading")
+    return Path(file).read_text(encoding="utf-8")
 
 
 def deserialized(root: ElementTree.Element) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.files import write_whole
 
 #: Panels from top to bottom: label of the axis, and the columns drawn there with their labels, the first one in front.
@@ -58,8 +58,7 @@ def thermo_picture(
     ParameterError if there is nothing to plot, or columns are not numeric, differ in length, or go back; OutputError if the file cannot
     be written.
     """
-    if not isinstance(columns, Mapping):
-        raise ParameterError(f"expected a mapping of words to rows, not {what_is(columns)}")
+    require(columns, Mapping, "expected a mapping of words to rows")
     data = {word: _numbers(values, f"the column {what_is(word)}") for word, values in columns.items()}
     _check(data, x)
     panels = _panels(data)

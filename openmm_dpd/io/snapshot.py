@@ -9,7 +9,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.files import write_whole
 from ..base.units import whole_number
 from ..model.reactions import with_first_bonds
@@ -65,8 +65,7 @@ class Snapshot:
             return cls(scene, source.positions.value_in_unit(unit.nanometer), velocities, scene.box)
         if isinstance(state, openmm.Context):
             state = state.getState(positions=True, velocities=True)
-        if not isinstance(state, openmm.State):
-            raise ParameterError(f"state must be an openmm.State, from context.getState(positions=True), not {what_is(state)}")
+        require(state, openmm.State, "state must be an openmm.State, from context.getState(positions=True)")
         try:
             positions = state.getPositions(asNumpy=True).value_in_unit(unit.nanometer)
         except openmm.OpenMMException:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require
 from ..base.openmm_private import bare
 from ..base.slices import slicer
 from ..base.stats import block_average
@@ -240,8 +240,7 @@ class ProfileReporter(BuiltReporter):
         super().__init__(interval, built)
         scene = built.plan.scene
         self._cut = slicer(axis, bins, None, scene.bead_masses, "bins")
-        if not isinstance(axis, str):
-            raise ParameterError(f"axis must be one or two of 'x', 'y' and 'z', or 'r' before one of them, not {what_is(axis)}")
+        require(axis, str, "axis must be one or two of 'x', 'y' and 'z', or 'r' before one of them")
         self._component = self._cut.component(component)
         if scene.box is None:
             raise ParameterError("a velocity profile needs a periodic box")

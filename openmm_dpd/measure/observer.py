@@ -15,7 +15,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, RunError, what_is
+from ..base.errors import A_CONTEXT, ParameterError, RunError, require
 from ..base.names import COULOMB_GROUP, EXTERNAL_GROUP, KT, LATTICE_GROUP
 from ..base.openmm_private import bare
 from ..kernels.fields import ENERGY, TEMPERATURE
@@ -28,7 +28,6 @@ from ..simulation.built import BuiltSystem
 from .present import Present
 from .sample import Sample, SystemSample
 from .stress_parts import angle_sums, bond_sums, torsion_sums
-from .temperature import check_context
 from .within import Row, Within
 
 _NM, _KJ = unit.nanometer, unit.kilojoule_per_mole
@@ -314,7 +313,7 @@ class Observer:
 
     def sample(self, context: openmm.Context) -> Any:
         """Measure the present state of a Context: a :class:`Sample` of a scene, a :class:`SystemSample` of a System made elsewhere."""
-        check_context(context)
+        require(context, openmm.Context, A_CONTEXT)
         present, made = context.getSystem().getNumParticles(), self.built.system.getNumParticles()
         if present != made:
             raise ParameterError(f"the Context has {present} particles, but this Observer was made for a System of {made}")
@@ -323,7 +322,4 @@ class Observer:
 
 def require_built(built, what: str) -> None:
     """Raise ParameterError, in which ``what`` asks for it, if this is not a BuiltSystem."""
-    if not isinstance(built, BuiltSystem):
-        raise ParameterError(
-            f"{what} needs as built the result of openmm_dpd.build(), add_thermostat() or create_mixed_system(), not {what_is(built)}"
-        )
+    require(built, BuiltSystem, f"{what} needs as built the result of openmm_dpd.build(), add_thermostat() or create_mixed_system()")

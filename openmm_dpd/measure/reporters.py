@@ -11,7 +11,7 @@ from typing import Any, TextIO
 import numpy as np
 from openmm import unit
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.units import BAR_PER_MD_PRESSURE
 from ..io.snapshot import Cadence
 from ..kernels.fields import ENERGY, TEMPERATURE
@@ -83,8 +83,9 @@ class RowReporter(Cadence):
 
     def _open(self, file: str | os.PathLike | TextIO, append: bool) -> None:
         """Open the file, and write or check its header."""
-        if not isinstance(file, (str, os.PathLike)) and not hasattr(file, "write"):
-            raise ParameterError(f"file must be a path or a text file open for writing, not {what_is(file)}")
+        require(append, bool, "append must be True or False")
+        if not hasattr(file, "write"):
+            require(file, (str, os.PathLike), "file must be a path or a text file open for writing")
         self._unended = False  # whether the header lacks its newline
         begun = self._has_header(file, append)
         self._out: TextIO = open(file, "a" if append else "w") if isinstance(file, (str, os.PathLike)) else file

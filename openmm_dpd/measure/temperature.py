@@ -9,7 +9,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError
+from ..base.errors import A_CONTEXT, ParameterError, require
 from ..base.names import COUNTER, KT, RAMP_STEP, SEED, TEMPERATURE, VOLUME_MOVES
 from ..base.openmm_private import bare
 from ..base.stats import block_average
@@ -29,12 +29,6 @@ def noise_state(context: openmm.Context, plan: Plan) -> tuple[float, int, int, f
         kT = BOLTZMANN * context.getIntegrator().getTemperature().value_in_unit(unit.kelvin) if native else plan.options.kT
         return kT, plan.options.seed, context.getStepCount(), dt
     return parameters[KT], int(parameters[SEED]), int(parameters[COUNTER]), dt
-
-
-def check_context(context) -> None:
-    """Raise ParameterError if this is not an openmm.Context."""
-    if not isinstance(context, openmm.Context):
-        raise ParameterError(f"context must be an openmm.Context, such as simulation.context, not a {type(context).__name__}")
 
 
 def set_temperature(context: openmm.Context, temperature) -> None:
@@ -68,7 +62,7 @@ def set_kT(context: openmm.Context, kT) -> None:
     ParameterError
         If the value is out of bounds, the Context has no thermostat of this package, or a ramp would overwrite the value.
     """
-    check_context(context)
+    require(context, openmm.Context, A_CONTEXT)
     kT, integrator = thermal_energy(kT), context.getIntegrator()
     plain = isinstance(integrator, PairIntegrator) and not {TEMPERATURE, RAMP_STEP} & integrator.variables()
     resting = plain and VOLUME_MOVES not in context.getParameters() and getattr(integrator.whole, "guide", None) is None

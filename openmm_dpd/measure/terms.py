@@ -4,7 +4,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError
+from ..base.errors import ParameterError, require
 from ..base.names import BONDED_GROUP, COULOMB_GROUP, EXTERNAL_GROUP, LATTICE_GROUP, SHOWN
 from ..base.units import to_md, whole_number
 from ..kernels.layer import DISSIPATIVE, RANDOM
@@ -44,6 +44,7 @@ def force_terms(
         If a value has the wrong shape, or ``built`` is not a built scene: the terms of atoms beside beads are not separated.
     """
     require_built(built, "force_terms")
+    require(properties, dict | None, "properties must be a dict of names and values of the platform")
     if built.plan.host is not None:
         raise ParameterError(
             "force_terms separates the terms of a scene only, not those of a System made elsewhere; for its total forces use "

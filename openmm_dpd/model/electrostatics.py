@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from ..base.errors import ParameterError, in_length, in_units, what_is
+from ..base.errors import ParameterError, in_length, in_units, require, what_is
 from ..base.units import COULOMB, keep, whole_number
 from .pairs import checked
 
@@ -324,8 +324,7 @@ def checked_ewald(charges: SmearedCharges | None, q: np.ndarray | None, box: np.
     if charges is None:
         return None
     name = type(charges).__name__
-    if not isinstance(charges, SmearedCharges):
-        raise ParameterError(f"electrostatics must be SlaterCharges, GaussianCharges or PointCharges, not {what_is(charges)}")
+    require(charges, SmearedCharges, "electrostatics must be SlaterCharges, GaussianCharges or PointCharges")
     if q is None:
         raise ParameterError(f"electrostatics needs the charges of the beads; give one per bead in `charges` ({name})")
     if not np.any(q):

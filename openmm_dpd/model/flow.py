@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..base.errors import ParameterError, bead_number, either, in_length, in_number, unit_name, what_is
+from ..base.errors import ParameterError, bead_number, either, in_length, in_number, require, unit_name, what_is
 from ..base.geometry import folded
 from ..base.units import keep, to_md
 from .formulas import read_formula, values
@@ -263,8 +263,7 @@ class Wall:
         if (self.behind is None) != (self.density is None):
             raise ParameterError("behind a wall is a bead type with its density: give both `behind` and `density`, or neither")
         if self.behind is not None:
-            if not isinstance(self.behind, str):
-                raise ParameterError(f"`behind` of a wall must be the name of a bead type, not {what_is(self.behind)}")
+            require(self.behind, str, "`behind` of a wall must be the name of a bead type")
             keep(self, density=checked(self.density, "number_density", "the density behind a wall", positive=True))
 
     def _keep_velocity(self) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError, bead_number, in_number, what_is
+from ..base.errors import ParameterError, bead_number, in_number, require, what_is
 from ..base.units import keep, thermal_energies, to_md
 from .eos import ConstantHeatCapacity, EquationOfState, TabulatedEOS, heat_capacity
 from .pairs import NONE
@@ -68,8 +68,7 @@ class InternalEnergy:
         """Equation of state of each bead type in ``names``; ParameterError if one is missing."""
         if isinstance(self.eos, (ConstantHeatCapacity, TabulatedEOS)):
             return [self.eos] * len(names)
-        if not isinstance(self.eos, Mapping):
-            raise ParameterError(f"eos must be an equation of state or a mapping of bead types to them, not {what_is(self.eos)}")
+        require(self.eos, Mapping, "eos must be an equation of state or a mapping of bead types to them")
         for name in names:
             if not isinstance(self.eos.get(name), (ConstantHeatCapacity, TabulatedEOS)):
                 raise ParameterError(f"no equation of state for bead type {name}")

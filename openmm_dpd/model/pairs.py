@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import scipy
 
-from ..base.errors import ParameterError, in_length, in_number, in_units, thermal, what_is
+from ..base.errors import ParameterError, in_length, in_number, in_units, require, thermal, what_is
 from ..base.units import checked as checked, keep, to_md
 
 
@@ -171,8 +171,7 @@ class LennardJones(PairCoefficient):
     _DIMENSIONS = {"epsilon": ("energy", ">= 0"), "sigma": ("length", "> 0"), "cutoff": ("length", "> 0")}
 
     def __post_init__(self):
-        if not isinstance(self.shift, (bool, np.bool_)):
-            raise ParameterError(f"shift must be True or False, not {what_is(self.shift)}")
+        require(self.shift, (bool, np.bool_), "shift must be True or False")
         super().__post_init__()
 
 

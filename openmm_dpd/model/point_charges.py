@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError, in_length, in_units, what_is
+from ..base.errors import ParameterError, in_length, in_units, require, what_is
 from ..base.units import keep
 from .electrostatics import SmearedCharges
 from .pairs import checked
@@ -55,8 +55,7 @@ class PointCharges(SmearedCharges):
             raise ParameterError(f"strength of PointCharges must be between 0 and 1, not {what_is(self.strength)}")
         if self.soft and self.screening:
             raise ParameterError("PointCharges: screened charges are not softened; leave softness and strength out")
-        if not isinstance(self.lattice, (bool, np.bool_)):
-            raise ParameterError(f"lattice of PointCharges must be True or False, not {what_is(self.lattice)}")
+        require(self.lattice, (bool, np.bool_), "lattice of PointCharges must be True or False")
         if self.lattice and self.screening:
             raise ParameterError("PointCharges: screened charges have no lattice sum; give lattice=False and a cutoff")
         if not self.lattice and self.cutoff is None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.units import keep
 from .pairs import PairCoefficient, checked
 
@@ -112,8 +112,7 @@ class RadialPair(PairCoefficient):
         super().__post_init__()
         if self.form not in FORMULAS:
             raise ParameterError(f"form must be one of {', '.join(FORMULAS)}, not {what_is(self.form)}")
-        if not isinstance(self.shift, (bool, np.bool_)):
-            raise ParameterError(f"shift must be True or False, not {what_is(self.shift)}")
+        require(self.shift, (bool, np.bool_), "shift must be True or False")
         dimensions = FORMULAS[self.form].dimensions
         given = dict(self.values) if isinstance(self.values, Mapping) else dict(zip(dimensions, self.values, strict=False))
         if set(given) != set(dimensions) or not isinstance(self.values, Mapping) and len(self.values) != len(dimensions):

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..base.errors import ParameterError, in_length, what_is
+from ..base.errors import ParameterError, in_length, require, what_is
 from ..base.geometry import widths
 from ..base.units import checked, keep, whole_number
 from .angles import Angles, Dihedrals, Torsions
@@ -72,8 +72,7 @@ class _Reaction:
     what: ClassVar[str]  #: What it is, in messages
 
     def __post_init__(self):
-        if not isinstance(self.bonds, ReactiveBonds):
-            raise ParameterError(f"the bonds of a {self.what} must be ReactiveBonds, not {what_is(self.bonds)}")
+        require(self.bonds, ReactiveBonds, f"the bonds of a {self.what} must be ReactiveBonds")
         probability = checked(self.probability, "dimensionless", f"the probability of a {self.what}")
         rate = None if self.rate is None else checked(self.rate, "rate", f"the rate of a {self.what}")
         if probability > 1.0 or (rate is not None and probability != 1.0):
@@ -278,6 +277,16 @@ def terms_taken(reactions: Sequence[Any]) -> list[Any]:
 def types_change(reactions: Sequence[Any]) -> bool:
     """Whether beads change their types when some reactions bond them."""
     return any(each.forms and each.becomes is not None for each in reactions)
+
+
+def types_in_time(scene: Any) -> list[frozenset[str]]:
+    """The types that each bead may have during a run: those that reactions turn into each other, or its own alone."""
+    alike = {name: frozenset([name]) for name in scene.type_names}
+    for each in scene.reactions:
+        for before, after in zip(each.types, each.becomes or (None, None), strict=True) if each.forms else ():
+            joined = alike[before] | alike[after or before]
+            alike |= dict.fromkeys(joined, joined)
+    return [alike[name] for name in scene.types]
 
 
 def bond_sorts(reactions: Sequence[Any]) -> list[ReactiveBonds]:

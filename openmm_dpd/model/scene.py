@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..base.errors import ParameterError, bead_number, either, fact_table, what_is
+from ..base.errors import ParameterError, bead_number, either, fact_table, require, what_is
 from ..base.units import keep, known_under, thermal_energy, to_md
 from .angles import Angles, Dihedrals, check_angles, check_torsions
 from .bodies import Body, Shape, check_bodies
@@ -161,8 +161,7 @@ class Scene:
         put("bonded_factors", special_factors(self.bonded_factors, "bonded_factors"))
         put("tables", self._checked_pairs())
         put("pairs", self.tables)
-        if not isinstance(self.sources, Sequence):
-            raise ParameterError(f"sources must be a sequence of sources, not {what_is(self.sources)}")
+        require(self.sources, Sequence, "sources must be a sequence of sources")
         put("sources", tuple(self.sources))
         check_internal(self.internal, self.sources, self.tables, self.type_ids, self.type_names, self.box)
         self._check_flow()

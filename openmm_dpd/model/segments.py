@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, bead_names, in_length, what_is
+from ..base.errors import ParameterError, bead_names, in_length, require, what_is
 from ..base.geometry import minimum_images
 from ..base.units import keep
 from .bonds import bead_indices
@@ -55,8 +55,7 @@ class SegmentalRepulsion:
         keep(self, cutoff=checked(self.cutoff, "length", "cutoff of the segmental repulsion", positive=True))
         if self.distance not in DISTANCES:
             raise ParameterError(f"distance of the segmental repulsion must be 'mid' or 'min', not {what_is(self.distance)}")
-        if not isinstance(self.exclude_adjoining, (bool, np.bool_)):
-            raise ParameterError(f"exclude_adjoining must be True or False, not {what_is(self.exclude_adjoining)}")
+        require(self.exclude_adjoining, (bool, np.bool_), "exclude_adjoining must be True or False")
         if self.distance == "min" and not self.exclude_adjoining:
             raise ParameterError("bonds that share a bead have the distance 0 with distance='min'; they must be left out")
         if self.reactive:
@@ -91,8 +90,7 @@ def check_segments(scene: Any) -> None:
     segments, x, box = scene.segments, scene.positions, scene.box
     if segments is None:
         return
-    if not isinstance(segments, SegmentalRepulsion):
-        raise ParameterError(f"segments must be a SegmentalRepulsion, not {what_is(segments)}")
+    require(segments, SegmentalRepulsion, "segments must be a SegmentalRepulsion")
     pairs = scene.segment_pairs
     sorts = {*map(id, segment_parts(scene)[1])}
     if not sorts <= {*map(id, bond_sorts(scene.reactions))}:

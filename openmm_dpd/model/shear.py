@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require
 from ..base.units import keep
 from .pairs import checked
 
@@ -73,8 +73,7 @@ def check_shear(shear: Any, scene: Any) -> None:
     """Raise ParameterError if a scene cannot be sheared, with the reason."""
     if shear is None:
         return
-    if not isinstance(shear, LeesEdwards):
-        raise ParameterError(f"shear must be a LeesEdwards, such as LeesEdwards(rate=0.1), not {what_is(shear)}")
+    require(shear, LeesEdwards, "shear must be a LeesEdwards, such as LeesEdwards(rate=0.1)")
     reasons = {
         "it needs a periodic box": scene.box is None,
         "the box it starts from may be tilted along the flow only": scene.box is not None and bool(np.any(scene.box[2, :2])),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.units import whole_number
 from ..model.pairs import DPD, checked
 from .molecule import Bends, Molecule, Springs, Twists, Types, bead_types, join
@@ -93,8 +93,7 @@ def branched(
     names = list(bead_types(backbone))
     pairs = [(k, k + 1) for k in range(len(names) - 1)]
     stem = len(names)
-    if not isinstance(branches, Mapping):
-        raise ParameterError(f"branches must map a bead of the backbone to its side chains, such as {{1: 'T4'}}, not {what_is(branches)}")
+    require(branches, Mapping, "branches must map a bead of the backbone to its side chains, such as {1: 'T4'}")
     for place, given in branches.items():
         at = whole_number(place, "the place of a branch")
         if not 0 <= at < stem:

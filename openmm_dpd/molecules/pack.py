@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from openmm import unit
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.units import thermal_energy, whole_number
 from ..model.box import box_vectors
 from ..model.pairs import checked
@@ -145,8 +145,7 @@ def pack(
 
 def _arrangements(molecules) -> list[tuple[Molecule, Scattered | Bilayer | Vesicle]]:
     """Kinds of molecules and their arrangements; a number means scattered molecules."""
-    if not isinstance(molecules, Mapping):
-        raise ParameterError(f"molecules must map each kind of molecule to its number, such as {{chain: 20}}, not {what_is(molecules)}")
+    require(molecules, Mapping, "molecules must map each kind of molecule to its number, such as {chain: 20}")
     wanted = []
     for molecule, given in molecules.items():
         if not isinstance(molecule, Molecule):
@@ -179,8 +178,7 @@ def _filling(vectors: np.ndarray, rho: float, beads: int, filler: Molecule | Non
     """Number of solvent molecules that fill the box; ParameterError if the other molecules are too many."""
     if filler is None:
         return 0
-    if not isinstance(filler, Molecule):
-        raise ParameterError(f"solvent must be a bead type, a Molecule or None, not {what_is(filler)}")
+    require(filler, Molecule, "solvent must be a bead type, a Molecule or None")
     volume = float(np.prod(np.diag(vectors)))
     total = round(rho * volume)
     if beads > total:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from openmm import app
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require
 from ..base.geometry import minimum_images, pairs_within, widths
 from ..base.units import position_array, whole_number
 from ..model.box import box_vectors
@@ -153,8 +153,7 @@ def find_piercings(topology: app.Topology, positions, box=None, *, max_ring: int
 
 def bonds_of_topology(topology: app.Topology) -> np.ndarray:
     """Bonds of a topology as pairs of atom indices, (B, 2)."""
-    if not isinstance(topology, app.Topology):
-        raise ParameterError(f"expected an openmm.app.Topology, not {what_is(topology)}")
+    require(topology, app.Topology, "expected an openmm.app.Topology")
     return np.array([(bond[0].index, bond[1].index) for bond in topology.bonds()], dtype=np.int64).reshape(-1, 2)
 
 

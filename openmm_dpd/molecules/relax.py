@@ -6,7 +6,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, RunError, what_is
+from ..base.errors import ParameterError, RunError, require
 from ..base.units import to_md, whole_number
 from ..kernels.shear import add_flow, rate_at
 from ..model.scene import Scene
@@ -52,8 +52,7 @@ def relax(
     whole_number(steps, "steps", least=0)
     if steps and dt is None:
         raise ParameterError("relax needs a step size for its steps, such as relax(scene, steps=200, dt=0.01)")
-    if not isinstance(scene, Scene):
-        raise ParameterError(f"scene must be a Scene, such as mixture.scene(...), not {what_is(scene)}")
+    require(scene, Scene, "scene must be a Scene, such as mixture.scene(...)")
     if steps and scene.reactions:
         raise ParameterError("in steps of relax bonds would form that its scene does not have; relax without steps")
     size = 0.001 if dt is None else to_md(dt, "time", "dt")

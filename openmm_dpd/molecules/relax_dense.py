@@ -9,7 +9,7 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ..base.errors import ParameterError, RunError, fact_table, what_is
+from ..base.errors import ParameterError, RunError, fact_table, require, what_is
 from ..base.geometry import minimum_images, widths
 from ..base.openmm_private import masses_of
 from ..base.platforms import platform_here
@@ -256,8 +256,7 @@ class _Work:
     """The checked System and its soft copy, with the operations on both."""
 
     def __init__(self, system, topology, positions, given, fixed, temperature, platform, seed):
-        if not isinstance(system, openmm.System):
-            raise ParameterError(f"expected an openmm.System, not {what_is(system)}")
+        require(system, openmm.System, "expected an openmm.System")
         self.start, n = checked_positions(topology, system, positions), system.getNumParticles()
         if not isinstance(temperature, float) or temperature <= 0:
             raise ParameterError(f"temperature must be one temperature > 0, not {what_is(temperature)} K")

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.errors import ParameterError, optional_package
+from ..base.errors import ParameterError, optional_package, require
 from ..base.files import writing
 from ..base.units import unit_system
 from ..io.snapshot import FrameReporter, Snapshot, scene_of
+from ..model.reactions import types_in_time
 from ..model.scene import Scene
 
 #: Chunk of the molecule numbers: OVITO reads logged values of particles as their properties.
@@ -78,6 +79,7 @@ class GSDReporter(FrameReporter):
 
     def __init__(self, file: str | os.PathLike, interval: int, built, *, units: str = "lj", append: bool = False):
         super().__init__(interval)
+        require(append, bool, "append must be True or False")
         self._built, self._path = built, os.fspath(file)
         self._frames = _Frames(scene_of(built), units)
         append = append and os.path.exists(file)
@@ -117,7 +119,8 @@ class _Frames:
         if first is None:
             return
         types = [first.particles.types[k] for k in first.particles.typeid]
-        if len(types) != self.scene.n_beads or (types != list(self.scene.types) and not self.scene.reactions):
+        known = types_in_time(self.scene)
+        if len(types) != len(known) or any(name not in names for name, names in zip(types, known, strict=True)):
             raise ParameterError(f"cannot append to {path}: it holds {len(types)} beads, which are not those of this scene")
 
     def append(self, file, now: Snapshot) -> None:

@@ -5,10 +5,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.files import append_block, write_whole
 from ..base.units import UnitSystem, unit_system
 from ..io.snapshot import FrameReporter, Snapshot, scene_of
+from ..model.reactions import types_in_time
 from ..model.scene import Scene
 
 _WHAT = "the XYZ file"
@@ -39,7 +40,7 @@ def write_xyz(path: str | os.PathLike, source, *, state=None, units: str = "lj",
         If the file cannot be written; an existing file is kept.
     """
     now = Snapshot.of(source, state)
-    write_whole(path, _block(now, unit_system(units), _species(now.scene, species)), _WHAT)
+    write_whole(path, _block(now, unit_system(units), _called(now.scene, species)), _WHAT)
 
 
 class XYZReporter(FrameReporter):
@@ -69,21 +70,22 @@ class XYZReporter(FrameReporter):
 
     def __init__(self, file: str | os.PathLike, interval: int, built, *, units: str = "lj", species=None, append: bool = False):
         super().__init__(interval)
+        require(append, bool, "append must be True or False")
         self._built, self._units = built, unit_system(units)
         self._species, scene = species, scene_of(built)
-        names = _species(scene, species)
+        called = _called(scene, species)
         if append:
-            _check_file(file, names, bool(scene.reactions))
+            _check_file(file, [{called[name] for name in names} for names in types_in_time(scene)])
         self._path = os.fspath(file)
         append_block(self._path, "", _WHAT, anew=not append)
 
     def report(self, simulation, state):
         """Write one frame."""
         now = Snapshot.of(self._built, state, simulation.context)
-        append_block(self._path, _block(now, self._units, _species(now.scene, self._species)), _WHAT)
+        append_block(self._path, _block(now, self._units, _called(now.scene, self._species)), _WHAT)
 
 
-def _block(now: Snapshot, units: UnitSystem, species: list[str]) -> str:
+def _block(now: Snapshot, units: UnitSystem, called: Mapping[str, str]) -> str:
     """Text of one frame."""
     words = [] if now.box is None else [f'Lattice="{" ".join(_number(edge) for edge in (now.box / units.length).ravel())}"']
     columns = [now.positions / units.length]
@@ -93,7 +95,7 @@ def _block(now: Snapshot, units: UnitSystem, species: list[str]) -> str:
     words.append('pbc="F F F"' if now.box is None else 'pbc="T T T"')
     words += [f"Step={now.step}", f"Time={_number(now.time / units.time)}"]
     rows = np.hstack(columns).tolist()
-    lines = [f"{name} {' '.join(map(_number, row))}" for name, row in zip(species, rows, strict=True)]
+    lines = [f"{called[name]} {' '.join(map(_number, row))}" for name, row in zip(now.scene.types, rows, strict=True)]
     return "\n".join([str(len(rows)), " ".join(words), *lines, ""])
 
 
@@ -101,26 +103,31 @@ def _number(value: float) -> str:
     return f"{value:.12g}"
 
 
-def _species(scene: Scene, given: Mapping[str, str] | None) -> list[str]:
-    """Text in the first column of each bead."""
+def _called(scene: Scene, given: Mapping[str, str] | None) -> Mapping[str, str]:
+    """Text in the first column for each type."""
     called = {name: name for name in scene.type_names} if given is None else given
     if not isinstance(called, Mapping) or set(called) != set(scene.type_names):
         raise ParameterError(f"species must map each of the types {', '.join(scene.type_names)} to text, not {what_is(given)}")
     for text in called.values():
         if not isinstance(text, str) or not text.isprintable() or not text or " " in text:
             raise ParameterError(f"the name {text!r} cannot be in an XYZ file; give a printable one without blanks in species={{...}}")
-    return [called[name] for name in scene.types]
+    return called
 
 
-def _check_file(file: str | os.PathLike, species: list[str], changes: bool) -> None:
-    """Raise ParameterError if the file to append to does not begin with a frame of these beads, or ends within a frame."""
+def _check_file(file: str | os.PathLike, species: list[set[str]]) -> None:
+    """Raise ParameterError if the file to append to does not begin with a frame of these beads, each called one of so many words, or ends
+    within a frame."""
     if not os.path.exists(file) or os.path.getsize(file) == 0:
         return
     with open(file, encoding="utf-8", errors="replace") as lines:
         count, words = lines.readline().strip(), lines.readline()
         rows = [lines.readline() for _ in species]
         found = [row.partition(" ")[0] for row in rows]
-    if count != str(len(species)) or "Properties=species:S:1:pos:R:3:velo:R:3" not in words or (found != species and not changes):
+    if (
+        count != str(len(species))
+        or "Properties=species:S:1:pos:R:3:velo:R:3" not in words
+        or any(name not in names for name, names in zip(found, species, strict=True))
+    ):
         raise ParameterError(f"cannot append to {os.fspath(file)}: it does not begin with a frame of these {len(species)} beads")
     with open(file, "rb") as content:  # frames are about as long as the first one
         content.seek(-min(os.path.getsize(file), 2 * len(count + words + "".join(rows)) + 1000), os.SEEK_END)

@@ -7,7 +7,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from scipy.sparse.csgraph import shortest_path
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.geometry import graph, minimum_images, widths
 from ..model.pairs import NONE, PairTable, SoftRepulsion
 from ..model.scene import Scene
@@ -76,10 +76,8 @@ def insertion(molecule: Molecule, solvent: Scene, parts: np.ndarray, seed: int) 
 
 def check(molecule: Molecule, solvent: Scene) -> None:
     """Raise ParameterError if the molecule cannot be put into the solvent."""
-    if not isinstance(molecule, Molecule):
-        raise ParameterError(f"molecule must be a Molecule of openmm_dpd.molecules, not {what_is(molecule)}")
-    if not isinstance(solvent, Scene):
-        raise ParameterError(f"solvent must be a Scene, such as pack(...).scene(pairs=..., kT=...), not {what_is(solvent)}")
+    require(molecule, Molecule, "molecule must be a Molecule of openmm_dpd.molecules")
+    require(solvent, Scene, "solvent must be a Scene, such as pack(...).scene(pairs=..., kT=...)")
     unknown = [name for name in molecule.types if name not in solvent.masses]
     if unknown:
         raise ParameterError(

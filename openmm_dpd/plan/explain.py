@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..base.errors import either, in_length, in_number, in_units, thermal, unit_name
+from ..base.errors import either, in_length, in_number, in_units, require, thermal, unit_name
 from ..kernels.fields import ENERGY, TEMPERATURE
 from ..model.electrostatics import NO_ELECTROSTATICS
 from ..model.flow import Wall
@@ -17,6 +17,7 @@ from .solids import solid_text
 
 def explain_plan(plan: Plan) -> str:
     """A plan in words, half a page: what will be built, and why."""
+    require(plan, Plan, "expected a Plan, such as built.plan")
     scene, options, box = plan.scene, plan.options, "none"
     if scene.box is not None:
         edges = [in_number(edge, "length") for edge in (*np.diag(scene.box), *scene.box[(1, 2, 2), (0, 0, 1)])]

@@ -13,7 +13,7 @@ import openmm
 from openmm import app
 
 from ..base import names
-from ..base.errors import ParameterError, PlanError
+from ..base.errors import ParameterError, PlanError, require
 from ..base.names import BEGUN, BESIDE, BY_FIELDS, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
 from ..base.openmm_private import masses_of, virtual_sites
 from ..base.units import position_array
@@ -251,8 +251,7 @@ class Host:
 
 def check_system(system: openmm.System) -> None:
     """Raise an error if this is no System, or one that a DPD thermostat cannot be added to."""
-    if not isinstance(system, openmm.System):
-        raise ParameterError(f"the thermostat is added to an openmm.System, not to a {type(system).__name__}")
+    require(system, openmm.System, "the thermostat is added to an openmm.System")
     for force in system.getForces():
         if force.getName() == PAIR_FORCE:
             raise PlanError("the System has DPD pair terms already; a table by type names holds several coefficients at once")

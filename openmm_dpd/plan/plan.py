@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, PlanError, fact_table, what_is
+from ..base.errors import ParameterError, PlanError, fact_table, require, what_is
 from ..base.names import PAIR_GROUP
 from ..base.platforms import fastest_platform
 from ..kernels.driven import Continuum, Driven
@@ -252,10 +252,9 @@ def make_plan(
     ParameterError, PlanError
         If a choice is out of bounds or cannot be combined with the scene.
     """
-    if not isinstance(scene, Scene):
-        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
-    if not isinstance(guide, Guide | None):
-        raise ParameterError(f"guide must be a Guide, not {what_is(guide)}")
+    require(scene, Scene, "expected a Scene")
+    require(guide, Guide | None, "guide must be a Guide")
+    require(host, Host | None, "host must be a Host")
     resolved = [table.resolve(scene.type_names) for table in scene.tables]
     tables: list[ResolvedTable] = [table for table in resolved if any(c is not NONE for c in table.values())]
     chosen = scheme_of(scheme)
@@ -263,8 +262,7 @@ def make_plan(
     platform = platform_name(platform) or (fastest_platform() if host is None else None)
     if conservative not in ("auto", "openmm", "kernel"):
         raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {what_is(conservative)}")
-    if not isinstance(loop, bool):
-        raise ParameterError(f"loop must be True or False, not {what_is(loop)}")
+    require(loop, bool, "loop must be True or False")
     check_cutoffs(scene.box, tables)
     layers = [table for table in tables if resolved_kind(table).overlay is None]
     overlays = [table for table in tables if resolved_kind(table).overlay is not None]

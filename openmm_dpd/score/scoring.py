@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import DPDError, ParameterError, what_is
+from ..base.errors import DPDError, ParameterError, require, what_is
+from ..base.units import whole_number
+from ..model.pairs import checked
 from ..model.schemes import scheme_of
 from ..simulation.build import build
 from .runs import BlockMeans, run_word
@@ -208,10 +210,12 @@ def score_word(
     ParameterError
         If a scene is not in the suite, or the scheme cannot run one that is named.
     """
-    suite = load_suite()
+    require(scenes, Iterable | None, "scenes must be names of scenes of the suite")
+    suite, scenes = load_suite(), None if scenes is None else list(scenes)
     unknown = [name for name in scenes or () if name not in suite]
     if unknown:
         raise ParameterError(f"there is no scene {what_is(unknown[0])} in the suite; its scenes are {', '.join(suite)}")
+    error, time, seed = checked(error, "dimensionless", "error"), checked(time, "time", "time", positive=True), whole_number(seed, "seed")
     if not 0 < error < 1:
         raise ParameterError(f"error must be between 0 and 1, not {what_is(error)}")
     scheme_of(word)

@@ -21,7 +21,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, PlanError, what_is
+from ..base.errors import ParameterError, PlanError, require, what_is
 from ..base.names import CONVERTED, FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
 from ..base.units import BAR_PER_MD_PRESSURE, BOLTZMANN, md_pressure, md_tension, whole_number
 from ..io.snapshot import Cadence
@@ -43,10 +43,8 @@ Axes = tuple[bool, bool, bool]
 
 
 def _check(built: BuiltSystem, interval: int, axes: Axes, why_not: Callable[[Plan, str], str | None]) -> None:
-    if not isinstance(built, BuiltSystem):
-        raise ParameterError(
-            f"a barostat wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned, not {what_is(built)}"
-        )
+    wanted = "a barostat wants as built what openmm_dpd.build(), add_thermostat() or create_mixed_system() returned"
+    require(built, BuiltSystem, wanted)
     whole_number(interval, "the interval between volume moves, in steps,", least=1)
     if np.shape(axes) != (3,) or np.asarray(axes).dtype != bool or not any(axes):
         raise ParameterError(f"axes must be three of True or False, at least one True, not {what_is(axes)}")

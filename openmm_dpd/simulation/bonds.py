@@ -16,12 +16,13 @@ from ..model.reactions import bond_sorts, terms_like, types_change
 from ..plan.pair_spec import neighbour_factors, neighbours_change
 from ..plan.plan import Plan
 from ..plan.reactions import bonds_at_start, come_and_go, segments_then
-from .fields import raw_bonds
+from .fields import check_running, raw_bonds
 
 
 def read_bonds(context: openmm.Context, plan: Plan) -> np.ndarray:
     """(B, 3) bonds that form and break, as they are now, in the plan ``built.plan``: two beads, and the sort, which is the number of its
     :class:`~openmm_dpd.ReactiveBonds` in the order in which ``reactions`` name them."""
+    check_running(context, plan)
     found = [np.zeros((0, 3), np.int64)]
     for k in range(len(bond_sorts(plan.scene.reactions))):
         pairs = bonds_in(raw_bonds(context.getIntegrator()), k).astype(np.int64)
@@ -31,12 +32,14 @@ def read_bonds(context: openmm.Context, plan: Plan) -> np.ndarray:
 
 def read_reacted(context: openmm.Context, plan: Plan) -> np.ndarray:
     """(R, 3) for each of the scene's ``reactions``: bonds made and broken since the start, and bonds that its last trial has changed."""
+    check_running(context, plan)
     get, end = context.getIntegrator().getGlobalVariableByName, len(plan.options.numbers)
     return np.array([get(f"{GUIDE}{k}") for k in range(end - 3 * len(plan.scene.reactions), end)]).reshape(-1, 3).astype(np.int64)
 
 
 def read_types(context: openmm.Context, plan: Plan) -> list[str]:
     """Names of the types that beads have now, (N,), in the plan ``built.plan``: reactions may change them."""
+    check_running(context, plan)
     scene = plan.scene
     if not scene.reactions:
         return list(scene.types)

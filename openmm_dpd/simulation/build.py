@@ -9,6 +9,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
+from ..base.errors import require
 from ..base.geometry import weighted_sum
 from ..base.names import ALONE, BONDS
 from ..base.platforms import platform_here
@@ -76,6 +77,8 @@ def build(
 
 def build_plan(plan: Plan, guide: Guide | None = None) -> BuiltSystem:
     """Make System, Topology, positions, velocities and integrator of a plan."""
+    require(plan, Plan, "expected a Plan, such as make_plan() returns")
+    require(guide, Guide | None, "guide must be a Guide")
     scene, options = plan.scene, plan.options
     program = None if options.scheme.native else make_program(options)
     integrator = native_integrator(plan) if program is None else program.lower()

@@ -12,7 +12,7 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ..base.errors import ParameterError, PlanError, either, fact_table, what_is
+from ..base.errors import A_CONTEXT, ParameterError, PlanError, either, fact_table, require, what_is
 from ..base.files import write_whole
 from ..base.names import BY_FIELDS, BY_VARIABLES, FIELD, SHOWN, WRITTEN
 from ..base.platforms import fastest_platform
@@ -267,6 +267,8 @@ class BuiltSystem:
         ParameterError
             If there is no such platform, or it does not know a property.
         """
+        require(platform, openmm.Platform | str | None, "platform must be one of OpenMM's platforms or its name")
+        require(properties, dict | None, "properties must be a dict of names and values of the platform")
         if vars(self)["topology"] is None or self.positions is None:
             raise PlanError("a Simulation needs a topology and positions: give them to add_thermostat, or make your own app.Simulation")
         simulation = self._new_simulation(platform, properties)
@@ -299,6 +301,7 @@ class BuiltSystem:
             If the two differ in anything else, another engine has made one of them, or there is friction, transverse friction, a fixed
             sigma or repulsion in one of them alone.
         """
+        require(context, openmm.Context, A_CONTEXT)
         integrator = context.getIntegrator()
         if not isinstance(integrator, Watching):
             raise PlanError("the Context has an integrator of another package, which does not notice that forces change")

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import numpy as np
 from openmm import unit
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require
 from ..base.file_ledger import ledger_in_use
 from ..base.files import writing
 from ..io.snapshot import Cadence
@@ -25,6 +25,8 @@ class FieldWriter:
     ``append`` to a file with other contents is a ParameterError, also from :meth:`write`; one that is not there is begun."""
 
     def __init__(self, file: str | os.PathLike, append: bool = False):
+        require(file, (str, os.PathLike), "file must be a path")
+        require(append, bool, "append must be True or False")
         self.file, self.frames = os.fspath(file), 0
         self._shapes: dict[str, tuple[int, ...]] = {}
         ledger = ledger_in_use()
@@ -154,8 +156,7 @@ class FieldReporter(Cadence):
 
     def __init__(self, file: str | os.PathLike, interval: int, built: BuiltSystem, append: bool = False):
         super().__init__(interval)
-        if not isinstance(built, BuiltSystem):
-            raise ParameterError(f"FieldReporter needs what openmm_dpd.build() returned, not {what_is(built)}")
+        require(built, BuiltSystem, "FieldReporter needs what openmm_dpd.build() returned")
         if not has_fields(built) and not built.plan.scene.reactions:
             raise ParameterError("the beads of this scene have no internal energies, temperatures, concentrations, densities or reactions")
         self._writer, self._built = FieldWriter(file, append), built

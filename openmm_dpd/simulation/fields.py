@@ -11,7 +11,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, RunError, what_is
+from ..base.errors import A_CONTEXT, ParameterError, RunError, require, what_is
 from ..base.names import BONDS, FIELD, KEPT, PHASE, RATE, WRITTEN, Phase
 from ..base.units import thermal_energies, to_md
 from ..kernels.fields import ENERGY, TEMPERATURE, FieldSpec
@@ -106,6 +106,12 @@ def raw_bonds(integrator: openmm.CustomIntegrator) -> np.ndarray:
     return np.concatenate([per_dof(integrator, name) for name in names], axis=1).astype(np.int64)
 
 
+def check_running(context: openmm.Context, plan: Plan) -> None:
+    """Raise ParameterError unless these are a Context and a Plan."""
+    require(context, openmm.Context, A_CONTEXT)
+    require(plan, Plan, "plan must be a Plan, such as built.plan")
+
+
 def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
     """Per-bead fields of a running scene, by name.
 
@@ -123,6 +129,7 @@ def read_fields(context: openmm.Context, plan: Plan) -> dict[str, np.ndarray]:
         ``bonds`` (N, W), the bonds of each bead that form and break, 1 + partner + N sort, and 0 where there is none.  Empty for a scene
         without any of these.
     """
+    check_running(context, plan)
     spec = plan.spec.fields
     bonds = {"bonds": raw_bonds(context.getIntegrator())} if plan.scene.reactions else {}
     if spec is None:
@@ -165,6 +172,7 @@ def write_fields(context: openmm.Context, plan: Plan, **values: Any) -> None:
         If the scene has no such field, a shape is wrong, a temperature or energy is outside the equation of state (the bead is named), or
         an immobile bead cannot take another value.
     """
+    check_running(context, plan)
     spec = plan.spec.fields
     known = () if spec is None else {ENERGY: ("theta", "u_cond", "u_mech"), TEMPERATURE: ("theta",)}.get(spec.kind, ("concentrations",))
     for name in values:

@@ -17,7 +17,7 @@ import numpy as np
 import openmm
 from openmm import app, unit
 
-from ..base.errors import ParameterError, PlanError, what_is
+from ..base.errors import ParameterError, PlanError, require, what_is
 from ..base.openmm_private import masses_of, virtual_sites
 from ..base.platforms import fastest_platform
 from ..base.units import BOLTZMANN
@@ -105,8 +105,7 @@ def create_mixed_system(
     A dispersion correction of the NonbondedForce (``useDispersionCorrection``) spreads the atoms over the whole box; for few atoms in a
     solvent of beads it means little and is better switched off.
     """
-    if not isinstance(scene, Scene):
-        raise ParameterError(f"expected a Scene, not {what_is(scene)}")
+    require(scene, Scene, "expected a Scene")
     _check_scene(scene)
     check_system(system)
     x = checked_positions(topology, system, positions)

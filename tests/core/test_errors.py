@@ -17,8 +17,10 @@ import openmm_dpd as dpd
 from openmm_dpd.analysis import radial_distribution
 from openmm_dpd.base.names import KT
 from openmm_dpd.lammps import RunOptions
+from openmm_dpd.measure import VelocityReporter
 from openmm_dpd.molecules import Spring, linear, ring
 from openmm_dpd.parameters import repulsion_from_chi
+from openmm_dpd.score.scoring import score_word
 
 N = 20
 X = np.random.default_rng(0).random((N, 3)) * 3
@@ -156,6 +158,24 @@ WRONG = {  # What is wrong -> what makes it, and what the message has to say.
     "axes by text": (lambda: dpd.add_barostat(build(), 23.0, axes="yes"), "axes must be three of True or False.*'yes'"),
     "axes by names": (lambda: dpd.add_barostat(build(), 23.0, axes=["x", "y", "z"]), "axes must be three of True or False"),
     "no name of a platform": (lambda: build(platform=""), "no platform '' here"),
+    "a plan to explain": (lambda: dpd.explain_plan(build()), "expected a Plan, such as built.plan, not a BuiltSystem"),
+    "a plan to build": (lambda: dpd.build_plan(scene()), "expected a Plan, such as make_plan.*not a Scene"),
+    "a guide by name": (lambda: dpd.build_plan(build().plan, "g"), "guide must be a Guide, not 'g'"),
+    "a host by number": (lambda: dpd.make_plan(scene(), dt=0.01, host=3), "host must be a Host, not 3"),
+    "no file of XML": (lambda: dpd.load_xml(3), "file must be a path or a text file open for reading, not 3"),
+    "a Simulation on platform 3": (lambda: build().simulation(platform=3), "platform must be one of OpenMM's.*not 3"),
+    "properties as text": (lambda: build().simulation(properties="x"), "properties must be a dict.*not 'x'"),
+    "properties of forces": (lambda: dpd.force_terms(build(), properties=3), "properties must be a dict.*not 3"),
+    "a table of steps": (lambda: dpd.recommend(scene(), table="t"), "table must be a StabilityTable, not 't'"),
+    "scenes to score": (lambda: score_word("middle", 3), "scenes must be names.*not 3"),
+    "an error to score": (lambda: score_word("middle", [], error="x"), "error must be a number.*'x'"),
+    "a time to score": (lambda: score_word("middle", [], time="x"), "time must be a number.*'x'"),
+    "fields of a Simulation": (lambda: dpd.read_fields(build().simulation(), build().plan), "context must be an openmm.Context"),
+    "fields without a plan": (lambda: dpd.read_fields(build().simulation().context, build()), "plan must be a Plan.*not a BuiltSystem"),
+    "bonds of a Simulation": (lambda: dpd.read_bonds(build().simulation(), build().plan), "context must be an openmm.Context"),
+    "an update of a Simulation": (lambda: build().update_in_context(build().simulation()), "context must be an openmm.Context"),
+    "append as text": (lambda: dpd.DPDReporter(io.StringIO(), 1, build(), append="x"), "append must be True or False, not 'x'"),
+    "velocities into no file": (lambda: VelocityReporter(3, 1), "file must be a path, not 3"),
     "one molecule for all": (lambda: scene(residues=3), "residues must name the molecule of each"),
 }
 

@@ -370,6 +370,9 @@ def test_bonds_and_types_are_those_of_the_moment(tmp_path, hoomd):
     simulation.step(6)
     simulation.reporters = [GSDReporter(tmp_path / "a.gsd", 2, built, append=True), XYZReporter(tmp_path / "a.xyz", 2, built, append=True)]
     simulation.step(2)
+    other = dpd.Scene(dict.fromkeys("ABC", 1.0), list("CCBCA"), pairs={("*", "*"): dpd.DPD(A=1e-6, gamma=1.0)}, **given)
+    for kind, name in ((GSDReporter, "a.gsd"), (XYZReporter, "a.xyz")):  # a C does not become an A
+        raises(ParameterError, "cannot append", kind, tmp_path / name, 2, build(other, dt=0.001, scheme="middle"), append=True)
     with hoomd.open(str(tmp_path / "a.gsd")) as file, hoomd.open(str(tmp_path / "start.gsd")) as start:
         frames = [start[0], *file]
     assert [frame.bonds.group.tolist() for frame in frames] == [[[0, 1]], [[0, 1]], [], [[2, 3]], [[2, 3]]]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import ParameterError, what_is
+from ...base.errors import ParameterError, require
 from ...base.files import write_whole, writing
 from ...model.scene import Scene
 from ...model.schemes import scheme_of
@@ -92,8 +92,7 @@ def export_lammps(
         if source.options.guided:
             raise ParameterError(f"{source.options.guided} act within steps and cannot be exported")
         source = source.scene
-    if not isinstance(source, Scene):
-        raise ParameterError(f"expected a Scene, a Plan or what build() made, not {what_is(source)}")
+    require(source, Scene, "expected a Scene, a Plan or what build() made")
     job = make_job(source, name, dt, steps, scheme or "mvv", 0.5 if lam is None else lam, seed, every, units, corner)
     return _write(job, Path(directory))
 

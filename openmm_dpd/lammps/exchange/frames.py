@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.errors import ParameterError, what_is
+from ...base.errors import ParameterError, require, what_is
 from ...base.units import UnitSystem, to_md, unit_system
 from ...io.trajectory import load_topology
 from ...model.internal import BeadTemperatures, Concentrations, Internal, InternalEnergy
@@ -123,8 +123,7 @@ class LammpsFrames:
 
     def check(self, scene: Scene) -> None:
         """Raise ParameterError if the frames do not match a scene: number of beads, types, or size of the box."""
-        if not isinstance(scene, Scene):
-            raise ParameterError(f"expected a Scene, not {what_is(scene)}")
+        require(scene, Scene, "expected a Scene")
         if len(self.ids) != scene.n_beads:
             raise ParameterError(f"{self.path} has {len(self.ids)} beads, but the scene has {scene.n_beads}")
         if self.types is not None:

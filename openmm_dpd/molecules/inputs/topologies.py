@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from openmm import app, unit
 
-from ...base.errors import ParameterError, what_is
+from ...base.errors import ParameterError, require, what_is
 from ...base.geometry import reduced
 from ...base.units import position_array, whole_number
 from ...model.scene import Scene
@@ -66,8 +66,7 @@ def scene_from_topology(topology: app.Topology, positions, typing=None, *, pairs
     >>> scene.types, len(scene.bond_pairs)
     (('H', 'T', 'T'), 2)
     """
-    if not isinstance(topology, app.Topology):
-        raise ParameterError(f"topology must be an openmm.app.Topology, not {what_is(topology)}")
+    require(topology, app.Topology, "topology must be an openmm.app.Topology")
     vectors = topology.getPeriodicBoxVectors()
     atoms = list(topology.atoms())
     masses = [None if atom.element is None else atom.element.mass.value_in_unit(unit.dalton) for atom in atoms]
