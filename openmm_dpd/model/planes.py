@@ -28,6 +28,12 @@ def checked_walls(walls: Sequence[AnyWall], box: np.ndarray | None) -> dict[str,
     return {"gaps": gaps(walls, box), "walls": tuple(walls)}  # type: ignore[arg-type]  # gaps() names what is no wall
 
 
+def held_edges(scene: Any) -> dict[int, float]:
+    """Edges of the box of a scene, by their axes, that have to stay as they are, since walls repeat with them."""
+    solid = any(isinstance(wall, SolidWall) for wall in scene.walls)
+    return {} if scene.box is None else {axis: scene.box[axis, axis] for axis in range(3) if solid or axis in scene.gaps}
+
+
 def as_solids(walls: Sequence[AnyWall], box: np.ndarray | None) -> tuple[SolidWall, ...]:
     """Walls, of which planes get the shape of the solid behind them; ParameterError if they do more than let beads bounce back."""
     planes = [wall for wall in walls if not isinstance(wall, SolidWall)]

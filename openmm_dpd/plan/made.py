@@ -19,6 +19,7 @@ from ..base.openmm_private import masses_of, virtual_sites
 from ..base.units import position_array
 from ..kernels.fields import ENERGY, FieldSpec
 from ..model.box import box_vectors
+from ..model.flow import AXES
 from .program_options import ProgramOptions
 
 #: Barostats of OpenMM's: they are forces of a System, but exert none.
@@ -125,6 +126,7 @@ class Made:
     asked: float  #: The number that stands for this temperature in states, negative for a ramp
     seed: int | None  #: The seed the script chose; None if it left the choice to the package
     no_barostat: Callable[[str], str | None]  #: Why none of OpenMM's barostats can change the box along some axes, or None
+    edges: Mapping[int, float]  #: Edges of the box, nm, that walls keep, by their axes
 
     @classmethod
     def of(
@@ -135,13 +137,15 @@ class Made:
         options: ProgramOptions,
         integrator: openmm.Integrator,
         no_barostat: Callable[[str], str | None],
+        edges: Mapping[int, float],
     ) -> Made:
         """Note what a System has now, and what the script asked for."""
         forces = tuple((force.getName(), force.getForceGroup()) for force in own)
         seed = options.seed if options.seeded else None
         there = masses_of(system), options.constraints, virtual_sites(system), forces
         used, lines = integrator.getIntegrationForceGroups(), lines_of(integrator)
-        return cls(maker, *there, used, lines, options.scheme.name, options.field_names, options.kT, _asked(options), seed, no_barostat)
+        asked = options.scheme.name, options.field_names, options.kT, _asked(options), seed
+        return cls(maker, *there, used, lines, *asked, no_barostat, edges)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
         """The forces in a System that this package did not make.  PlanError if the integrator was made for another System, or something in
@@ -163,6 +167,15 @@ class Made:
             what = f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator"
             raise PlanError(f"{what}; {self._remedy('give the scene its masses', 'change it')}")
         return self._foreign(system)
+
+    def check_box(self, box: Sequence) -> None:
+        """Raise OpenMMException if these box vectors, nm, are not those that walls are in."""
+        for axis, edge in self.edges.items():
+            beside = [box[k][axis] for k in range(3)] + list(box[axis])
+            if not np.allclose(beside, 2 * [edge * (k == axis) for k in range(3)], rtol=0, atol=1e-6 * edge):
+                now = "; ".join(" ".join(f"{value:.9g}" for value in vector) for vector in box)
+                keeps = f"walls keep its edge along {AXES[axis]}, of {edge:g} nm, perpendicular and as long as it was"
+                raise openmm.OpenMMException(f"the box vectors are {now} nm now, but {keeps}")
 
     def check_groups(self, groups: int) -> None:
         """Raise PlanError if integration force groups leave out a force of the package that acted, or have one that did not."""

@@ -18,6 +18,7 @@ from ..kernels.bodies import Bodies, BodySpec
 from ..kernels.elementary import without_last_bits
 from ..kernels.moment import Guide, StepSpec
 from ..kernels.shear import add_flow, rate_at
+from ..model.planes import held_edges
 from ..model.reactions import with_first_bonds
 from ..model.scene import Scene
 from ..plan.charge_forces import charge_terms
@@ -159,7 +160,8 @@ def run_in(built: BuiltSystem, system: openmm.System, own: Sequence[openmm.Force
     silent = {force.getForceGroup() for force in own if force.getName() == MOLECULES}
     silent |= set() if options.execution.pushes else {options.pair_group}
     built.integrator.setIntegrationForceGroups(set(range(32)) - silent)
-    built.integrator.made = Made.of(maker, system, own, options, built.integrator, built.plan.no_barostat)
+    plan = built.plan
+    built.integrator.made = Made.of(maker, system, own, options, built.integrator, plan.no_barostat, held_edges(plan.scene))
     built.system = system
 
 

@@ -289,8 +289,7 @@ class Watching:
 
     def look_at(self, context: openmm.Context) -> None:
         """Find out what has changed since the last call of ``step``: the Context, its System, its groups, its barostats, its state."""
-        system = context.getSystem()
-        groups = self.getIntegrationForceGroups()  # type: ignore[attr-defined]
+        system, groups = context.getSystem(), self.getIntegrationForceGroups()  # type: ignore[attr-defined]
         now = (system.getNumParticles(), system.getNumForces(), groups)
         if now != self._looked_at:
             self._look_at_everything(context, groups)
@@ -300,13 +299,14 @@ class Watching:
         self._intervals = [barostat.getFrequency() for barostat in moving]
         self._at_home(context, self.whole is None or self.beside)
         self.settle(context)
+        assert self.made is not None
+        if self.made.edges:
+            self.made.check_box(_box(context))
         parameters = context.getParameters()
-        wrong = wrong_key(parameters)
-        if wrong is not None:
+        if (wrong := wrong_key(parameters)) is not None:
             raise openmm.OpenMMException(wrong)
         if BESIDE in parameters and parameters[BESIDE] != self._beside:
             context.setParameter(BESIDE, self._beside)
-        assert self.made is not None
         if moving:
             check_barostats(context, moving, self._kelvin(context), self.made)
 

@@ -15,7 +15,6 @@ from ..base.openmm_private import bare, vectors
 from ..kernels import motion
 from ..kernels.moment import NO_GUIDE, Guide, Moment, StepSpec
 from ..kernels.shear import TIME, flow_at, sheared_box, strain_at
-from ..kernels.solids import Solids
 from ..plan.execution import DOUBLE_PLATFORMS
 from ..plan.forces.pair_force import PairForceFunction
 from ..plan.forces.thread_state import ThreadState, fingerprint
@@ -123,8 +122,6 @@ class WholeSteps:
         moment.numbers = np.array([integrator.getGlobalVariableByName(name) for name in self._numbers])
         if spec.slow_every > 1:
             moment.slow_step = int(integrator.getGlobalVariableByName(shared.SLOW_STEP))
-        if isinstance(spec.driven, Solids) and np.abs(box - np.diag(spec.driven.edges)).max() > 1e-6 * spec.driven.edges.max():
-            raise RunError(f"the box is {box.tolist()} now, but walls with a shape are in one of {spec.driven.edges.tolist()} nm")
         if spec.driven is not None:
             moment.time, moment.impulses = time, np.zeros(spec.driven.shape)
             for place, name in spec.driven.impulses.items():

@@ -1,7 +1,9 @@
 """Driven and confined fluids: leaks, temperatures, slip at walls, momentum, restarts."""
 
 import numpy as np
+import openmm
 import pytest
+from cases import cases, raises
 from judged import any_seed, judge
 from openmm import unit
 from scenes import beads
@@ -143,3 +145,22 @@ def test_beads_on_which_only_body_forces_act(device, gamma):
         one.step(1)
     one, other = (each.context.getState(positions=True).getPositions(asNumpy=True)._value for each in found)
     assert np.allclose(one[taken], other[taken], atol=device.choose(1e-12, 1e-5, 1e-5))
+
+
+_BOXES = [(np.diag([3.0, 3.0, 6.2]), True), (np.array([[3, 0, 0], [0, 3, 0], [0.5, 0, 6]]), True), (np.diag([3.1, 3.0, 6.0]), False)]
+_PLANES = {"plain": {}, "moving": {"velocity": (1.0, 0, 0)}, "fluid behind": {"behind": "W", "density": 3.0}, "a program": {}}
+
+
+@cases("planes, loop", {name: (planes, name != "a program") for name, planes in _PLANES.items()})
+def test_a_box_that_was_set_by_hand_does_not_leave_walls_behind(planes, loop):
+    """Beads were folded with the old edge, so that some of them were put back from inside, without a word."""
+    walls = [dpd.Wall("z", place, side, "bounce-back", **planes) for place, side in ((LOW, "above"), (HIGH, "below"))]
+    x = np.random.default_rng(1).random((81, 3)) * 3 + [0, 0, LOW]
+    for box, refused in _BOXES:
+        simulation = dpd.build(beads(81, box=EDGES, positions=x, walls=walls), dt=0.02, platform="Reference", loop=loop).simulation()
+        simulation.step(1)
+        simulation.context.setPeriodicBoxVectors(*box)
+        if refused:
+            raises(openmm.OpenMMException, "walls keep its edge along z, of 6 nm", simulation.step, 1)
+        else:
+            simulation.step(1)
