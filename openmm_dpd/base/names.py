@@ -26,7 +26,7 @@ class Phase(IntEnum):
 
 PHASE, TAU, DT, KT, COUNTER, SEED = "dpd_phase", "dpd_tau", "dpd_dt", "dpd_kT", "dpd_counter", "dpd_seed"
 #: Choices of the script that made the integrator, so that a state identifies it: scheme (a number), thermal energy and seed.
-BY_SCHEME, BY_KT, BY_SEED = "dpd_by_scheme", "dpd_by_kT", "dpd_by_seed"
+BY_SCHEME, BY_KT, BY_SEED, BY_FORCES = "dpd_by_scheme", "dpd_by_kT", "dpd_by_seed", "dpd_by_forces"
 #: Number that identifies the variables of the integrator that wrote a state: a checkpoint has values without names.
 BY_VARIABLES = "dpd_by_variables"
 #: Number that identifies what beads carry, in Contexts where they do: its variables have the same names for all kinds.
@@ -40,7 +40,7 @@ CONVERTED = "DPD barostat"
 #: How the Context parameters of this package begin; all others are of forces of others.
 OWN = "dpd_"
 #: Context parameters the pair force defines.
-PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BESIDE, BEGUN)
+PARAMETERS = (PHASE, TAU, DT, KT, COUNTER, SEED, BY_SCHEME, BY_KT, BY_SEED, BY_FORCES, BY_VARIABLES, BESIDE, BEGUN)
 #: Global variables of an integrator: the temperature in kelvin, for OpenMM's samplers; and this and dpd_kT when they last agreed.
 TEMPERATURE, SEEN_TEMPERATURE, SEEN_KT = "temperature", "seen_temperature", "seen_kT"
 #: Global variable of an integrator that follows a temperature ramp: steps done.
@@ -91,7 +91,7 @@ IMPULSES = {
 SOLID, MOST_SOLIDS = "dpd_solid_{}_{}_{}", 8
 #: Parameters that change within a step and are not part of the state.
 VOLATILE = frozenset((PHASE, TAU, BY_SCHEME, BY_KT, BY_SEED, BY_VARIABLES, BY_FIELDS, BEGUN, VOLUME_MOVES, VOLUME_STEP, VOLUME_ACCEPTED))
-VOLATILE |= frozenset(IMPULSES.values())
+VOLATILE |= frozenset((BY_FORCES, *IMPULSES.values()))
 VOLATILE |= {SOLID.format(k, kind, axis) for k in range(MOST_SOLIDS) for kind in ("force", "torque") for axis in "xyz"}
 
 #: Context parameter with a Lees-Edwards shear: its duration, to which the box vectors belong.

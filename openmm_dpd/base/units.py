@@ -141,6 +141,13 @@ def whole_number(value, name: str, least: int | None = None) -> int:
     return int(value)
 
 
+def whole_steps(steps) -> int:
+    """A number of steps as an int; TypeError if it is not a whole number."""
+    if int(steps) != steps:
+        raise TypeError(f"the number of steps must be a whole one, not {what_is(steps)}")
+    return int(steps)
+
+
 def thermal_energy(value, name: str = "kT") -> float:
     """Thermal energy, kJ/mol, from an energy (a bare number is in kJ/mol) or a temperature as a Quantity; ParameterError if < 0."""
     kT = thermal_energies(value, name)

@@ -14,7 +14,7 @@ from openmm import app
 
 from ..base import names
 from ..base.errors import ParameterError, PlanError, require
-from ..base.names import BEGUN, BESIDE, BY_FIELDS, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
+from ..base.names import BEGUN, BESIDE, BY_FIELDS, BY_FORCES, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, COUNTER, PAIR_FORCE, SEED
 from ..base.openmm_private import masses_of, virtual_sites
 from ..base.units import position_array
 from ..kernels.fields import ENERGY, FieldSpec
@@ -55,6 +55,7 @@ def text_number(text: str) -> float:
 def origin(options: ProgramOptions, integrator: openmm.Integrator) -> dict[str, float]:
     """Context parameters with which a state records which script and integrator wrote it."""
     asked = {BY_SCHEME: text_number(options.scheme.name), BY_KT: _asked(options), BY_SEED: float(options.seed)}
+    asked[BY_FORCES] = options.forces
     carried = {BY_FIELDS: text_number(options.field_names)} if options.field_names else {}
     return asked | carried | {BY_VARIABLES: variables_number(integrator), BESIDE: 0.0, BEGUN: 0.0}
 
@@ -126,6 +127,7 @@ class Made:
     asked: float  #: The number that stands for this temperature in states, negative for a ramp
     seed: int | None  #: The seed the script chose; None if it left the choice to the package
     no_barostat: Callable[[str], str | None]  #: Why none of OpenMM's barostats can change the box along some axes, or None
+    forces: float  #: The number that stands for what forces are computed with
     edges: Mapping[int, float]  #: Edges of the box, nm, that walls keep, by their axes
 
     @classmethod
@@ -144,8 +146,8 @@ class Made:
         seed = options.seed if options.seeded else None
         there = masses_of(system), options.constraints, virtual_sites(system), forces
         used, lines = integrator.getIntegrationForceGroups(), lines_of(integrator)
-        asked = options.scheme.name, options.field_names, options.kT, _asked(options), seed
-        return cls(maker, *there, used, lines, *asked, no_barostat, edges)
+        scheme, carries, asked = options.scheme.name, options.field_names, _asked(options)
+        return cls(maker, *there, used, lines, scheme, carries, options.kT, asked, seed, no_barostat, options.forces, edges)
 
     def check(self, system: openmm.System) -> list[openmm.Force]:
         """The forces in a System that this package did not make.  PlanError if the integrator was made for another System, or something in

@@ -40,7 +40,7 @@ from .execution import (
 from .kinds import Kind, bonded_kind, resolved_kind
 from .made import Host
 from .pair_spec import Factors, inner_factors, longest, neighbour_factors, pair_spec
-from .program_options import ProgramOptions, field_options, tau_ratio
+from .program_options import ProgramOptions, field_options, forces_number, tau_ratio
 from .reactions import bonds_at_start, table_blocks
 
 #: Coefficients by pair of types, all of one kind.
@@ -346,6 +346,7 @@ def make_plan(
         pair_group=PAIR_GROUP if host is None else host.pair_group,
         constraints=constrained,
         seeded=seed is not None,
+        forces=forces_number(scene, *tables, lam),
         ramp=scene.kT if isinstance(scene.kT, TemperatureRamp) else None,
         tau_ratio=tau_ratio(double),
         walls=kind_of(scene.gaps),

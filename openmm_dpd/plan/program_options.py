@@ -1,7 +1,10 @@
 """The choices that an integrator's program depends on."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from types import NoneType
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -33,6 +36,7 @@ class ProgramOptions:
     ramp: TemperatureRamp | None = None
     tau_ratio: float = 1.0 / 32.0  #: Trial drift in units of the step size
     trial: float | None = None  #: Trial drift, ps, which replaces ``tau_ratio``
+    forces: float = 0.0  #: Number of what forces are computed with, see :func:`forces_number`
     guided: str = ""  #: What a guide that acts within steps is, in words; empty if there is none
     numbers: tuple[float, ...] = ()  #: What it keeps from step to step, at the start; then three for each reaction
     frictionless: bool = False  #: Whether there is no friction and noise but what a guide may add
@@ -74,6 +78,29 @@ class ProgramOptions:
     def kernel(self) -> bool:
         """Whether a pair kernel takes part at all."""
         return self.thermostat or self.execution.pushes
+
+
+#: What forces of a scene are computed with, besides its pair terms.
+_ACTING = "bead_masses type_ids mobile charges electrostatics bonds angles dihedrals impropers bonded_factors segments internal sources"
+_ACTING += " body_forces walls interacting shear bodies reactions compat"
+
+
+def forces_number(scene: Scene, *more: Any) -> float:
+    """The checksum of what forces of a scene are computed with, and of ``more``; equal for equal values."""
+    number = 0
+
+    def add(thing: Any) -> None:
+        nonlocal number
+        inner: Any = thing.items() if isinstance(thing, Mapping) else thing if isinstance(thing, (tuple, list)) else ()
+        if is_dataclass(thing) and not isinstance(thing, type):
+            inner = [getattr(thing, each.name) for each in fields(thing)]
+        text = thing if isinstance(thing, (bool, int, float, str, type, NoneType)) else type(thing).__name__
+        number = crc32(thing.tobytes() if isinstance(thing, np.ndarray) else str(text).encode(), number)
+        for each in inner:
+            add(each)
+
+    add([getattr(scene, name) for name in _ACTING.split()] + list(more))
+    return float(number)
 
 
 def tau_ratio(double: bool) -> float:

@@ -4,7 +4,7 @@ import io
 import logging
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -18,7 +18,7 @@ from ..base.names import BY_FIELDS, BY_VARIABLES, FIELD, SHOWN, WRITTEN
 from ..base.platforms import fastest_platform
 from ..base.serialized import checked_xml, deserialized, read_file
 from ..base.signals import unbroken
-from ..base.units import whole_number
+from ..base.units import whole_number, whole_steps
 from ..io.snapshot import Cadence
 from ..io.view import view
 from ..model.pairs import checked
@@ -35,7 +35,7 @@ from .downhill import descend
 from .fields import raw_bonds
 from .integrators import NativeIntegrator, PairIntegrator
 from .programs.program import Program
-from .watching import Watching, whole_steps
+from .watching import Watching
 
 _LOGGER = logging.getLogger("openmm_dpd")
 #: Longest displacement of a bead in one iteration of the minimiser, in cutoffs.
@@ -310,6 +310,8 @@ class BuiltSystem:
             raise PlanError(f"this build has no {lost[0]}, and the Context has: only repulsion and friction can change in it")
         integrator.changed(context)
         update_force(self.system, context)
+        if integrator.made is not None and self.integrator.made is not None:
+            integrator.made = replace(integrator.made, forces=self.integrator.made.forces)  # of the states that it writes from now on
 
     def scene_in(self, context: openmm.Context) -> Scene:
         """The scene with the bonds, angles, dihedrals and types that a Context has now, which reactions change."""

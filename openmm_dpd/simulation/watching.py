@@ -23,10 +23,11 @@ import numpy as np
 import openmm
 
 from ..base import names as shared
-from ..base.errors import PlanError, RunError, bead_number, what_is
+from ..base.errors import PlanError, RunError, bead_number
 from ..base.names import ALL_TAKEN, BEGUN, BESIDE, BY_KT, BY_SCHEME, BY_SEED, BY_VARIABLES, PAIR_FORCE, ROOM, SEED, SHEARED, SHOWN, VOLATILE
 from ..base.openmm_private import bare, hear_calls, vectors
 from ..base.signals import CTRL_C, unbroken
+from ..base.units import whole_steps
 from ..plan.made import Made, acting, lines_of, text_number, variables_number, wrong_key
 from .barostat_temperature import barostats, check_barostats, tell_pressures
 from .fields import swap_kept
@@ -41,13 +42,6 @@ STRAIGHT, MOST = 1.0, 10_000
 BESIDE_SHEAR = "beside Lees-Edwards shear no force of OpenMM's own can act, for it does not know the sliding images; remove added forces"
 #: Seconds after which the state is remembered on a device, and how often steps are tried that run out of room there.
 REMEMBERED, MOST_TRIES = 10.0, 4
-
-
-def whole_steps(steps) -> int:
-    """A number of steps as an int; TypeError if it is not a whole number."""
-    if int(steps) != steps:
-        raise TypeError(f"the number of steps must be a whole one, not {what_is(steps)}")
-    return int(steps)
 
 
 def _box(context: openmm.Context) -> list:
@@ -363,6 +357,9 @@ class Watching:
             context.setParameter(BY_KT, made.asked)
             for barostat in barostats(context):
                 context.setParameter(barostat.Temperature(), barostat.getDefaultTemperature())
+        if shared.BY_FORCES in parameters and parameters[shared.BY_FORCES] != made.forces:
+            self._forget_acceleration()
+            context.setParameter(shared.BY_FORCES, made.forces)
         if made.seed is not None and parameters[BY_SEED] != made.seed:
             self._take_seed(context, made.seed)
 

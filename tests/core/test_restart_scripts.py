@@ -4,13 +4,14 @@ The script's temperature, with a warning; the state's seed and counter, unless t
 """
 
 import logging
+import re
 
 import numpy as np
 import openmm
 import pytest
-from cases import raises
+from cases import cases, raises
 from openmm import unit
-from scenes import beads, state_of, step_all, stepped
+from scenes import beads, same_bits, state_of, step_all, stepped
 
 import openmm_dpd as dpd
 
@@ -274,3 +275,35 @@ def test_a_state_with_what_this_scene_lacks_says_how_it_is_loaded(tmp_path):
     ).simulation()
     energies.saveState(str(tmp_path / "energies"))
     raises(dpd.PlanError, "has the parameter dpd_volume_.* of another kind of scene", plain.loadState, str(tmp_path / "energies"))
+
+
+# -- other forces ------------------------------------------------------------------------------------------------------------------------
+_OTHER = {"repulsion": {"table": {("W", "W"): dpd.DPD(A=60, gamma=4.5)}}, "friction": {"table": {("W", "W"): dpd.DPD(A=25, gamma=40.5)}}}
+_OTHER |= {"masses": {"bead_masses": np.linspace(1, 3, 81)}, "bonds": {"bonds": [dpd.HarmonicBonds([(0, 1), (3, 7)], 50.0, 0.5)]}}
+
+
+@HOW
+@cases("given", _OTHER)
+@cases("choices", {"mvv": {"scheme": "mvv"}, "a program": {"scheme": "mvv", "loop": False}, "a word": {"scheme": "bababo", "loop": False}})
+def test_an_acceleration_by_other_forces_is_not_taken_over(how, given, choices, tmp_path):
+    """The first half kick was by the forces of the script that wrote the state.  Valid for nothing, it is computed anew."""
+    written = stepped(dpd.build(beads(), dt=DT, platform="Reference", seed=3, **choices).simulation(), BEFORE)
+    found, expected = (dpd.build(beads(**given), dt=DT, platform="Reference", seed=3, **choices).simulation() for _ in range(2))
+    for simulation in (found, expected):
+        hand_over(written, simulation, how, tmp_path)
+    expected.integrator.setGlobalVariableByName("valid_for", -1.0)
+    step_all(1, found, expected)
+    assert same_bits(state_of(found.context), state_of(expected.context))
+
+
+def test_a_state_that_does_not_say_by_which_forces_goes_on_exactly(tmp_path):
+    """An earlier version wrote it."""
+    first, second = (dpd.build(beads(), dt=DT, scheme="mvv", platform="Reference", seed=3).simulation() for _ in range(2))
+    path = tmp_path / "saved"
+    stepped(first, BEFORE).saveState(str(path))
+    text, there = re.subn(r'dpd_by_forces="[^"]*"', "", path.read_text())
+    assert there == 1
+    path.write_text(text)
+    second.loadState(str(path))
+    step_all(AFTER, first, second)
+    assert same_bits(state_of(first.context), state_of(second.context))
