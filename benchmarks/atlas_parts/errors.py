@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from openmm_dpd.score.scoring import reached, seen
+
 from .sampling import BINS
 
 #: Quantities whose error is charted, with how they are called.
@@ -96,32 +98,21 @@ def crossing(dts: list[float], values: list[list[float]], bound: float, draws: i
         ``dt`` and ``sem``, or ``at_least`` (never reached up to there) or ``at_most`` (reached at the smallest step already).
     """
     order = np.argsort(dts)
-    x, pairs = np.log(np.array(dts)[order]), np.array(values)[order]
-    best = _first(x, _seen(pairs[:, 0], pairs[:, 1], bound), bound)
-    if best is None or best == -np.inf:
-        return {"at_least": float(np.exp(x[-1]))} if best is None else {"at_most": float(np.exp(x[0]))}
+    x, pairs = np.array(dts)[order], np.array(values)[order]
+    best = _first(x, seen(pairs[:, 0], pairs[:, 1], bound), bound)
+    if not best:
+        return {"at_least": float(x[-1])} if best is None else {"at_most": float(x[0])}
     rng = np.random.default_rng(0)
-    found = [_first(x, _seen(rng.normal(pairs[:, 0], pairs[:, 1]), pairs[:, 1], bound), bound) for _ in range(draws)]
+    found = [_first(x, seen(rng.normal(pairs[:, 0], pairs[:, 1]), pairs[:, 1], bound), bound) for _ in range(draws)]
     # a draw that never reaches the bound counts as its last step, one that always exceeds it as the first
-    ends = [x[-1] if f is None else x[0] if f == -np.inf else f for f in found]
-    return {"dt": float(np.exp(best)), "sem": float(np.exp(best) * np.std(ends))}
-
-
-def _seen(value: np.ndarray, sem: np.ndarray, bound: float) -> np.ndarray:
-    """|error|; where it is lost in its noise (below two standard errors), at most half the bound: noise is no reason to call a step bad."""
-    size = np.abs(value)
-    return np.where(size < 2 * sem, np.minimum(size, 0.5 * bound), size)
+    ends = [x[-1] if f is None else f or x[0] for f in found]
+    return {"dt": best, "sem": float(best * np.std(np.log(ends)))}
 
 
 def _first(x: np.ndarray, size: np.ndarray, bound: float) -> float | None:
-    """log(dt) of the first crossing from below, whatever longer steps do; None if there is none, -inf if it lies before the first."""
+    """The step of the first crossing from below, whatever longer steps do; None if there is none, 0 if it lies before the first."""
     over = size > bound
     if not over.any():
         return None
     k = int(np.argmax(over))
-    if k == 0:
-        return -np.inf
-    low, high = np.log(np.maximum(size[k - 1 : k + 1], 1e-2 * bound))
-    if high <= low:
-        return float(x[k])
-    return float(x[k - 1] + (x[k] - x[k - 1]) * np.clip((np.log(bound) - low) / (high - low), 0, 1))
+    return reached(x[k - 1 :], size[k - 1 :], bound, 1e-2 * bound) if k else 0.0

@@ -122,7 +122,8 @@ def _sweep(pairs, data, part, parts, team):
             both = im + jm
             if not both > 0.0:
                 continue
-            w = power(1.0 - r / c[row, CUTOFF], c[row, EXPONENT])
+            w = 1.0 - r / c[row, CUTOFF]
+            w = w if c[row, EXPONENT] == 1.0 else power(w, c[row, EXPONENT])
             lost = decay(data.update, factor_of(pairs, n) * c[row, GAMMA] * w * w * both * data.dt)
             impulse = -lost / both * (vi - vj)
             if data.kT > 0.0:

@@ -70,7 +70,8 @@ class _Watch:
 
     def call(self, threads: int, function: Callable[[int], int]) -> int:
         """Call a function of the number of threads, and add up its times."""
-        self.working = threads
+        if threads != self.working:  # the times so far are of as many as before
+            self.working, self.passed, self.spent = threads, 0.0, 0.0
         begun, before = self.last
         now = time.perf_counter()
         if not 0.0 <= now - begun < self.PAUSE:

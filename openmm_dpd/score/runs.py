@@ -12,6 +12,7 @@ import numpy as np
 import openmm
 
 from ..base.errors import DPDError, ParameterError
+from ..base.geometry import minimum_images
 from ..base.names import SHEARED
 from ..base.openmm_private import bare
 from ..lammps import read_lammps_dump
@@ -63,14 +64,14 @@ class _Looker:
 
     def take(self, simulation: openmm.app.Simulation) -> None:
         """Add the present moment."""
-        context, edges = simulation.context, np.diag(np.asarray(self.scene.box))
+        context = simulation.context
         sample = self._observer.sample(context)
         state = context.getState(positions=True, velocities=True)
         x, v = bare(state.getPositions(asNumpy=True)), bare(state.getVelocities(asNumpy=True))
         path = x
         if self._run:
             step = x - self._run[-1].x
-            path = self._run[-1].path + step - edges * np.rint(step / edges)
+            path = self._run[-1].path + minimum_images(step, self.scene.box)
         fields = read_fields(context, self.built.plan) if {"wave", "difference"} & set(self.names) else {}
         stress = None
         if self._stress is not None:

@@ -46,8 +46,7 @@ class Judged:
         """The largest error; those that noise explains count as half of ``accepted`` at most."""
         if self.reason:
             return np.inf
-        sizes = np.abs(self.errors)
-        return float(np.max(np.where(sizes < SURE * self.sems, np.minimum(sizes, 0.5 * accepted), sizes)))
+        return float(np.max(seen(self.errors, self.sems, accepted)))
 
     def unsure(self, accepted: float) -> bool:
         """Whether a quantity is off by more than is accepted, and none by many standard errors."""
@@ -130,6 +129,18 @@ def forces(word: str) -> int:
     return max(1, groups.count("B") - (len(groups) > 1 and groups[0] == groups[-1] == "B"))
 
 
+def seen(error: np.ndarray, sem: np.ndarray, accepted: float) -> np.ndarray:
+    """Sizes of errors; where one is lost in its noise, at most half of what is accepted: noise is no reason to call a step bad."""
+    size = np.abs(error)
+    return np.where(size < SURE * sem, np.minimum(size, 0.5 * accepted), size)
+
+
+def reached(dts: Sequence[float], sizes: Sequence[float], bound: float, least: float) -> float:
+    """Where errors reach a bound between the first two steps, by a straight line between logarithms; ``least`` stands for a smaller one."""
+    low, high = max(sizes[0], least), sizes[1]
+    return float(dts[0] * (dts[1] / dts[0]) ** (np.log(bound / low) / np.log(high / low)))
+
+
 def climbed(first: float, judged: Callable[[float], Judged], accepted: float) -> list[Judged]:
     """Runs at longer and longer steps up to the first that is not accepted, or at shorter ones down to one that is; sorted by step."""
     runs, ratio = [judged(first)], RATIO
@@ -149,12 +160,8 @@ def summed_up(its: SuiteScene, runs: Sequence[Judged], accepted: float) -> Score
     if bad is None or bad == 0:
         limit, why = (runs[-1].dt, "") if bad is None else (0.0, _worst(its, runs[0], accepted))
     else:
-        low, high, why = runs[bad - 1], runs[bad], _worst(its, runs[bad], accepted)
-        part = 0.0
-        if not high.reason:
-            small, large = np.log(max(joints[bad - 1], 0.1 * accepted)), np.log(joints[bad])
-            part = float((np.log(accepted) - small) / (large - small))
-        limit = float(low.dt * (high.dt / low.dt) ** part)
+        limit = reached([run.dt for run in runs[bad - 1 :]], joints[bad - 1 :], accepted, 0.1 * accepted)
+        why = _worst(its, runs[bad], accepted)
     steps = [run.seconds * run.dt for run in runs if np.isfinite(run.seconds)]
     return Score(its, tuple(runs), limit, why, min(steps) / limit if steps and limit else np.nan)
 
@@ -162,8 +169,7 @@ def summed_up(its: SuiteScene, runs: Sequence[Judged], accepted: float) -> Score
 def _worst(its: SuiteScene, run: Judged, accepted: float) -> str:
     if run.reason:
         return run.reason
-    sizes = np.abs(run.errors)
-    return its.quantities[int(np.argmax(np.where(sizes < SURE * run.sems, np.minimum(sizes, 0.5 * accepted), sizes)))]
+    return its.quantities[int(np.argmax(seen(run.errors, run.sems, accepted)))]
 
 
 def scenes_for(suite: Mapping[str, SuiteScene], word: str) -> list[str]:

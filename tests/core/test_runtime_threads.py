@@ -66,6 +66,12 @@ def test_of_many_threads_half_go_on(watch):
     assert shared(watch, 16, 0.004, 0.03) == 16
 
 
+def test_another_number_of_threads_is_judged_by_itself(watch):
+    """With two, each had a core; as four they would have had too little."""
+    assert [shared(watch, 2, 0.004, 0.0075) for _ in range(12)] == [2] * 12
+    assert [shared(watch, 4, 0.004, 0.0155) for _ in range(20)] == [4] * 20
+
+
 def test_threads_that_have_waited_for_long_are_looked_at_at_once(watch):
     """They go on where each had a core nevertheless."""
     assert shared(watch, 16, 0.004, 0.06) == 16
