@@ -71,6 +71,9 @@ def bonded(draw: Draw) -> Deck:
         deck.add("special_bonds", *draw.pick([["lj", 1.0, 1.0, 1.0], ["lj/coul", 0.0, 0.5, 1.0], random, ["fene"], ["lj", 0.0, 1.0, 1.0]]))
     fours: dict[str, list[list[int]]] = {}
     quads = [[i, j, k, m] for (_, i, j, k), (_, _, _, m) in itertools.pairwise(angles) if m == k + 1]
+    # LAMMPS takes the images that are nearest to the second bead, so that an improper longer than half the box is another one there
+    half = 0.5 / np.linalg.norm(np.linalg.inv(box_vectors(deck)), axis=0).max()
+    quads = [quad for quad in quads if np.linalg.norm(x[quad[3] - 1] - x[quad[0] - 1]) < half]
     for what in _FOURS if quads and style in ("molecular", "full") else ():
         if draw.chance(0.5):
             # with beads that are at most two bonds apart next to each other, and to the vertex
