@@ -246,7 +246,8 @@ def chunk_numbers(moment: DeckMoment, compute: Compute, kept: Bins | None = None
         numbers, bins = binning.of_values(moment.bead_values(binning.word), counted, moment.box.volume)
         return np.where(numbers < (kept or bins).count, numbers, -1), kept or bins
     bins = kept or binning.bins(moment.box, moment.state.dimension)
-    if kept and binning.axes[0].reduced:  # the volumes are those of the last step, as in LAMMPS
+    # the volumes are those of the last step while a fix changes the box, as in LAMMPS, which does not notice change_box
+    if kept and binning.axes[0].reduced and moment.state.fixes_of("deform", "npt", "nph"):
         bins = replace(kept, volume=binning.bins(moment.box).volume)
     fractions = moment.box.fractions(positions) if binning.axes[0].reduced else positions
     total = np.zeros(len(positions), dtype=np.int64)

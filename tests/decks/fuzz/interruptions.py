@@ -98,8 +98,9 @@ class Interruptions:
 
 
 def results(out: Path, words: list[str]) -> tuple[str, dict[str, object]]:
-    """The error of a run, and what is in its folder then."""
+    """The error of a run, and what is in its folder then.  What is said when a run begins is not said by one that was over."""
     with redirect_stderr(io.StringIO()) as stream:
         main(["run", *words])
+    said = stream.getvalue()
     found = {name: content for name, content in contents(out).items() if not name.startswith("checkpoint")} if out.exists() else {}
-    return stream.getvalue().replace(str(out), "OUT"), found
+    return "".join(said.partition("openmm-dpd: error")[1:]).replace(str(out), "OUT"), found
