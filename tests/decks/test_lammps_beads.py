@@ -133,7 +133,6 @@ RUN = "pair_style zero 1\npair_coeff * *\nfix 1 all nve\nrun 0\n"
 
 @cases(
     "text, message",
-    ("reset_atoms id sort yes\n", "sort yes is not supported"),
     ("reset_atoms mol all\n", "reset_atoms mol is not supported"),
     ("reset_atoms image\n", "reset_atoms image is not supported"),
     ("compute m all msd\nreset_atoms id\n", "define it afterwards"),

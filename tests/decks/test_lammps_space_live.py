@@ -203,6 +203,33 @@ def test_beads_in_a_changed_box(tmp_path, changes):
     np.testing.assert_array_equal(atoms.images, expected[:, 5:8])
 
 
+@cases(
+    "shape, count",
+    {
+        "block": ("block 0 4 -1 3 0 5", 900),
+        "prism": ("prism 0 4 0 4 0 5 1.5 -1 0.7", 900),
+        "line": ("block 0 40 0 1 0 1", 47),
+        "few": ("block 0 4 0 4 0 4", 7),
+        "plane": ("block 0 9 0 7 -0.5 0.5", 200),
+    },
+)
+def test_ids_by_place(tmp_path, shape, count):
+    """Of beads of two kinds and of bonds between them, also where beads were moved out of the box before."""
+    text = "dimension 2\n" if "-0.5" in shape else ""
+    text += f"atom_style bond\nregion b {shape}\ncreate_box 2 b bond/types 1 extra/bond/per/atom 2 extra/special/per/atom 9\nmass * 1\n"
+    text += (
+        f"create_atoms 1 random {count} 77 b\ncreate_atoms 2 random 9 5 b\ngroup g id 3 8\ngroup t type 2\nbond_style zero\nbond_coeff *\n"
+    )
+    text += "create_bonds single/bond 1 2 3\ndisplace_atoms g move 0.9 0.4 0\ndelete_atoms group t bond yes\ncreate_atoms 2 random 9 5 b\n"
+    text += "reset_atoms id sort yes\ngroup low id < 6\n"
+    expected, sizes = lammps_peer.theirs(tmp_path, text)
+    found = lammps_peer.ours(tmp_path, text)
+    np.testing.assert_array_equal(found.atoms.ids, expected[:, 0])
+    np.testing.assert_array_equal(found.atoms.types, expected[:, 1])
+    np.testing.assert_allclose(found.atoms.positions, expected[:, 2:5], rtol=0, atol=1e-14)
+    assert {name: int(mask.sum()) for name, mask in found.groups.items()} == sizes
+
+
 def same_numbers(tmp_path, *names: str) -> None:
     """Files of both programs are the same to the digits that they have."""
     texts = ["".join((tmp_path / its / name).read_text() for name in names) for its in ("ours", "theirs")]

@@ -280,19 +280,38 @@ def _note_order(state: DeckState, command: str) -> None:
         )
 
 
-@command("reset_atoms id [sort no]", 1, None)
+def _by_place(state: DeckState) -> np.ndarray:
+    """The order of ``reset_atoms id sort yes``: bins of some ten beads in the box around all, x fastest, and x, y and z in them."""
+    x, dimension = state.atoms.positions, state.dimension
+    low, high = x.min(axis=0), x.max(axis=0)
+    low[dimension:], high[dimension:] = 0.0, 0.0
+    flat = np.where(low == high, 0.5, 0.0)
+    low, high = low - flat, high + flat
+    low -= 0.0001 * (high - low)
+    high += 0.0001 * (high - low)
+    edges = high - low
+    size = (np.prod(edges[:dimension]) / (len(x) // 10 + 1)) ** (1 / dimension)
+    counts = (edges / size).astype(int) + 1
+    counts[dimension:] = 1
+    k, m, n = ((x - low) * (1 / edges) * counts).astype(int).T
+    return np.lexsort((*x.T[::-1], (n * counts[1] + m) * counts[0] + k))
+
+
+@command("reset_atoms id [sort yes|no]", 1, None)
 def reset_atoms(state: DeckState, args: list[str]) -> None:
-    """``reset_atoms id [sort no]``: renumbers the ids from 1 without gaps, in the order of beads in LAMMPS's memory."""
+    """``reset_atoms id [sort yes|no]``: renumbers the ids from 1 without gaps, in the order of beads in LAMMPS's memory, or by place."""
     if args[0] in ("mol", "image"):
         raise ParameterError(f"reset_atoms {args[0]} is not supported; only reset_atoms id is")
     read.choice(args[0], "the property of reset_atoms", ("id",))
-    if read.switch(read.single(args[1:], "reset_atoms id", sort="no")["sort"], "sort"):
-        raise ParameterError("reset_atoms id sort yes is not supported: ids would depend on LAMMPS's spatial bins; use sort no")
-    _note_order(state, "reset_atoms id")
+    by_place = read.switch(read.single(args[1:], "reset_atoms id", sort="no")["sort"], "sort")
+    if not by_place:
+        _note_order(state, "reset_atoms id")
+    elif not len(state.atoms):
+        raise ParameterError("reset_atoms id sort yes needs beads; create or read them first")
     if any(compute.style == "msd" for compute in state.computes.values()):
         raise ParameterError("reset_atoms id: a compute msd stores the positions of beads; define it afterwards")
     state.settle("reset_atoms id")
-    order = np.argsort(state.atoms.slots)
+    order = _by_place(state) if by_place else np.argsort(state.atoms.slots)
     fresh = np.empty(len(order), dtype=np.int64)
     fresh[order] = np.arange(1, len(order) + 1)
     for terms in (getattr(state, f"{what}s") for what in JOINED):

@@ -56,7 +56,13 @@ class _Builder:
             return
         deck.add("delete_atoms", *target, *(["compress", draw.pick(["yes", "no"])] if draw.chance(0.4) else []))
         if draw.chance(0.4):
-            words = [["reset_atoms", "id"], ["reset_atoms", "id", "sort", "no"], ["reset_ids"], ["reset_atom_ids", "sort", "no"]]
+            words = [
+                ["reset_atoms", "id"],
+                ["reset_atoms", "id", "sort", "yes"],
+                ["reset_atoms", "id", "sort", "no"],
+                ["reset_ids"],
+                ["reset_atom_ids", "sort", "no"],
+            ]
             deck.add(*draw.pick(words))
 
     # -- groups and what beads are ---------------------------------------------------------------------------------------
