@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.stats import block_average
 from ..base.units import checked, thermal_energy, to_md, whole_number
 from ..measure.flow import VelocityProfile
@@ -301,6 +301,7 @@ def _viscosity(value) -> float:
 
 def _slabs(profile: VelocityProfile) -> tuple[np.ndarray, float, float]:
     """Middles, width and length of the slabs of a profile; ParameterError for one along two axes."""
+    require(profile, VelocityProfile, "profile must be a VelocityProfile")
     if profile.centres.ndim != 1:
         raise ParameterError("a viscosity is fitted to a profile along one axis, not to one in cells or rings")
     return profile.centres, float(profile.width), float(profile.length)

@@ -10,6 +10,7 @@ from ..kernels.solids import Solids
 from ..model.flow import AXES
 from ..simulation.built import BuiltSystem
 from .flow import BuiltReporter
+from .observer import require_built
 
 
 class _Impulses(BuiltReporter):
@@ -85,6 +86,7 @@ class WallReporter(_Impulses):
     """
 
     def __init__(self, interval: int, built: BuiltSystem, axis: str = "z"):
+        require_built(built, "WallReporter")
         driven = built.plan.driven
         if axis not in AXES or not isinstance(driven, Driven) or not driven.there[AXES.index(axis)].all():
             raise ParameterError(

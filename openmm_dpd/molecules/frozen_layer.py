@@ -8,7 +8,7 @@ import numpy as np
 import openmm
 import scipy
 
-from ..base.errors import ParameterError, in_length, what_is
+from ..base.errors import ParameterError, in_length, require, what_is
 from ..base.geometry import folded
 from ..base.openmm_private import vectors
 from ..base.units import whole_number
@@ -64,6 +64,7 @@ def frozen_layer(
         Beads of the fluid with the positions and velocities after the run, then those of the walls, for which ``mobile`` is False;
         ParameterError if the scene is not a plain fluid, or the walls do not fit into it.
     """
+    require(scene, Scene, "expected a Scene")
     parts = {f.name: (getattr(scene, f.name), f.default) for f in fields(Scene) if f.init and f.name not in _PLAIN}
     others = [name for name, (part, default) in parts.items() if isinstance(part, np.ndarray) or part not in (None, (), default)]
     if others:

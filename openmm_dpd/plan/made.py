@@ -291,6 +291,7 @@ def degrees_of_freedom(system: openmm.System, *, momentum: bool = True) -> int:
         Take the three of the momentum off.  Nothing is taken off where frozen particles (mass 0, no virtual sites) or a CustomExternalForce
         take up momentum, or if there is not more than one particle.
     """
+    require(system, openmm.System, "expected an openmm.System")
     moves = masses_of(system) > 0
     frozen = bool(np.any(~moves & ~virtual_sites(system))) or any(isinstance(f, openmm.CustomExternalForce) for f in system.getForces())
     tied = [system.getConstraintParameters(k)[:2] for k in range(system.getNumConstraints())]

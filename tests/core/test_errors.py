@@ -14,11 +14,11 @@ from openmm import unit
 from scenes import D, beads, run_of, state_of, stepped
 
 import openmm_dpd as dpd
-from openmm_dpd.analysis import radial_distribution
+from openmm_dpd.analysis import poiseuille_viscosity, radial_distribution
 from openmm_dpd.base.names import KT
 from openmm_dpd.lammps import RunOptions
-from openmm_dpd.measure import VelocityReporter
-from openmm_dpd.molecules import Spring, linear, ring
+from openmm_dpd.measure import VelocityReporter, WallReporter
+from openmm_dpd.molecules import Spring, frozen_layer, linear, ring
 from openmm_dpd.parameters import repulsion_from_chi
 from openmm_dpd.score.scoring import score_word
 
@@ -174,6 +174,10 @@ WRONG = {  # What is wrong -> what makes it, and what the message has to say.
     "fields without a plan": (lambda: dpd.read_fields(build().simulation().context, build()), "plan must be a Plan.*not a BuiltSystem"),
     "bonds of a Simulation": (lambda: dpd.read_bonds(build().simulation(), build().plan), "context must be an openmm.Context"),
     "an update of a Simulation": (lambda: build().update_in_context(build().simulation()), "context must be an openmm.Context"),
+    "walls of a Scene": (lambda: WallReporter(10, scene()), "WallReporter needs as built the result of.*not a Scene"),
+    "a layer in a built system": (lambda: frozen_layer(build(), [], dt=0.01), "expected a Scene, not a BuiltSystem"),
+    "degrees of freedom of a Context": (lambda: dpd.degrees_of_freedom(build()), "expected an openmm.System, not a BuiltSystem"),
+    "the flow of a number": (lambda: poiseuille_viscosity(3, force=1.0), "profile must be a VelocityProfile, not 3"),
     "append as text": (lambda: dpd.DPDReporter(io.StringIO(), 1, build(), append="x"), "append must be True or False, not 'x'"),
     "velocities into no file": (lambda: VelocityReporter(3, 1), "file must be a path, not 3"),
     "one molecule for all": (lambda: scene(residues=3), "residues must name the molecule of each"),

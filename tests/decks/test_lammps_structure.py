@@ -90,6 +90,13 @@ def test_values_equal_naive_loops(tmp_path):
     assert [moment.compute("g", k) for k in range(1, 7)] == pytest.approx(tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], rel=1e-10)
 
 
+def test_rdf_reaches_as_far_as_the_longest_cutoff(tmp_path):
+    """Also that of pair style zero, which has no force."""
+    styles = "pair_style hybrid/overlay zero 1.8 dpd 0 1 7\npair_coeff * * zero\npair_coeff * * dpd 25 4.5\ncompute r all rdf 6\n"
+    moment = context_of(request_of(tmp_path, DECK + styles))
+    assert [moment.compute("r", k, 1) for k in (1, 6)] == pytest.approx([0.15, 1.65])
+
+
 def test_mean_positions_are_taken_once_a_step(tmp_path):
     request = request_of(tmp_path, DECK + "compute m all msd average yes\n")
     first = context_of(request, 1, shift=(1.0, 0, 0))

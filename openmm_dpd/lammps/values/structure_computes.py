@@ -57,7 +57,9 @@ def _longest_cutoff(moment: DeckMoment) -> float:
     cutoffs = [
         getattr(entry, "cutoff", 0.0) / moment.units.length for table in pair_tables(moment.state) for entry in table.entries.values()
     ]
-    cutoffs += [style.settings.get("cutoff_charges", 0.0) for style in moment.state.pair.styles]
+    styles = moment.state.pair.styles
+    cutoffs += [style.settings.get("cutoff_charges", 0.0) for style in styles]
+    cutoffs += [style.cutoff(entry) or 0.0 for style in styles if style.name == "zero" for entry in style.coefficients.values()]
     if not max(cutoffs, default=0.0) > 0:
         raise ParameterError("compute rdf needs a pair force, or the keyword cutoff")
     return max(cutoffs)
