@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import DPDError, ParameterError, in_number, in_units, require, unit_name, what_is
+from ..base.errors import DPDError, ParameterError, in_number, in_units, require, require_one, unit_name, what_is
 from ..base.units import to_md
 from ..model.scene import Scene
 from ..model.schemes import SCHEMES, scheme_of
@@ -165,8 +165,7 @@ def recommend(
         raise ParameterError(
             f"error must be a fraction of the temperature from {SMALLEST:g} to {LEVELS[-1]:g} (0.01 is 1 %), not {what_is(error)}"
         )
-    if quantity not in QUANTITIES:
-        raise ParameterError(f"unknown quantity {what_is(quantity)}; it must be one of {', '.join(QUANTITIES)}")
+    require_one(quantity, QUANTITIES, "the quantity")
     if duration is not None:
         duration = to_md(duration, "time", "duration")
         if not isinstance(duration, float) or not 0 < duration < np.inf:

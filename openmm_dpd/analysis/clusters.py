@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require_one, what_is
 from ..base.geometry import connected, pairs_within
 from ..base.stats import Average, ratio_average
 from ..base.units import whole_number
@@ -96,8 +96,7 @@ def cluster_sizes(trajectory: Trajectories, beads: Beads = None, *, cutoff: floa
     ParameterError
         If the cutoff is more than half the width of the box, or there is no cluster of that size in any frame.
     """
-    if by not in ("molecule", "bead"):
-        raise ParameterError(f"by must be 'molecule' or 'bead', not {what_is(by)}")
+    require_one(by, ("molecule", "bead"), "by")
     least = whole_number(least, "least", least=1)
     topology, frames = frames_of(trajectory)
     group = selected(topology, beads)

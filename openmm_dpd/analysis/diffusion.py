@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.slices import axis_number
 from ..base.stats import Average, block_average
 from ..base.units import thermal_energy, to_md
@@ -167,8 +167,7 @@ def diffusion_coefficient(
     ----------
     I.-C. Yeh and G. Hummer, J. Phys. Chem. B 108, 15873 (2004); B. Duenweg and K. Kremer, J. Chem. Phys. 99, 6983 (1993).
     """
-    if not isinstance(displacement, MeanSquaredDisplacement):
-        raise ParameterError(f"a diffusion coefficient is taken from mean_squared_displacement(...), not {type(displacement).__name__}")
+    require(displacement, MeanSquaredDisplacement, "a diffusion coefficient is taken from what mean_squared_displacement(...) returns")
     try:
         low, high = (float(time) for time in fit)
     except (TypeError, ValueError):

@@ -4,7 +4,7 @@ In scripts, messages use OpenMM's units and bead numbers from 0; while a deck ru
 """
 
 import reprlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from html import escape
@@ -96,6 +96,12 @@ def require(value, kind, wanted: str) -> None:
     """Raise ParameterError, whose text begins with what is ``wanted``, unless a value is of a type, or of one of several."""
     if not isinstance(value, kind):
         raise ParameterError(f"{wanted}, not {what_is(value)}")
+
+
+def require_one(value, known: Iterable[str], what: str) -> None:
+    """Raise ParameterError unless a value, which is ``what``, is one of these words."""
+    if not isinstance(value, str) or value not in known:
+        raise ParameterError(f"{what} must be one of {', '.join(known)}, not {what_is(value)}")
 
 
 #: What :func:`require` says of a context.

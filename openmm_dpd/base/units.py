@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from openmm import unit
 
-from .errors import ParameterError, in_number, what_is
+from .errors import ParameterError, in_number, require_one, what_is
 
 #: Molar gas constant in kJ/mol/K, the value OpenMM uses.
 BOLTZMANN = unit.MOLAR_GAS_CONSTANT_R.value_in_unit(unit.kilojoule_per_mole / unit.kelvin)
@@ -280,8 +280,7 @@ def unit_system(name: str | UnitSystem) -> UnitSystem:
     """LAMMPS unit style of this name; ParameterError if there is none."""
     if isinstance(name, UnitSystem):
         return name
-    if name not in UNIT_SYSTEMS:
-        raise ParameterError(f"unknown units {what_is(name)}; they must be one of {', '.join(UNIT_SYSTEMS)}")
+    require_one(name, UNIT_SYSTEMS, "units")
     return UNIT_SYSTEMS[name]
 
 

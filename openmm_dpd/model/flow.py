@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..base.errors import ParameterError, bead_number, either, in_length, in_number, require, unit_name, what_is
+from ..base.errors import ParameterError, bead_number, either, in_length, in_number, require, require_one, unit_name, what_is
 from ..base.geometry import folded
 from ..base.units import keep, to_md
 from .formulas import read_formula, values
@@ -120,8 +120,7 @@ class BodyForce(_OnBeads):
             raise ParameterError(f"a body force must be three components, or three for each bead, not an array of shape {force.shape}")
         keep(self, force=force)
         self._keep_beads()
-        if self.pattern not in PATTERNS:
-            raise ParameterError(f"the pattern of a body force must be one of {', '.join(PATTERNS)}, not {what_is(self.pattern)}")
+        require_one(self.pattern, PATTERNS, "the pattern of a body force")
         if self.pattern == "uniform" and self.axis is not None:
             raise ParameterError("a uniform body force has no axis; for reverse Poiseuille flow use pattern='halves'")
         if self.pattern != "uniform":
@@ -253,10 +252,8 @@ class Wall:
     def __post_init__(self):
         _axis(self.axis, "a wall")
         keep(self, position=checked(self.position, "length", "the position of a wall", signed=True))
-        if self.side not in ("above", "below"):
-            raise ParameterError(f"the side of a wall, where the beads are, must be 'above' or 'below', not {what_is(self.side)}")
-        if self.kind not in KINDS:
-            raise ParameterError(f"the kind of a wall must be one of {', '.join(KINDS)}, not {what_is(self.kind)}")
+        require_one(self.side, ("above", "below"), "the side of a wall, where the beads are,")
+        require_one(self.kind, KINDS, "the kind of a wall")
         if self.driven and self.kind != BOUNCE_BACK:
             raise ParameterError("a specular wall transmits no shear, so it has no velocity and nothing behind it; use kind='bounce-back'")
         self._keep_velocity()

@@ -198,6 +198,5 @@ def check_internal(
     if sources and not n_values:
         raise ParameterError("sources act on temperatures (EDPD) or concentrations (TDPD), not on internal energies")
     for source in sources:
-        if not isinstance(source, OnFields):
-            raise ParameterError(f"sources must be a sequence of Source and Buoyancy, not of {what_is(source)}")
+        require(source, OnFields, "sources must be a sequence of Source and Buoyancy")
         source.check(box, len(type_ids), n_values)

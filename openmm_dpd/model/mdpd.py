@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..base.errors import ParameterError, bead_names, what_is
+from ..base.errors import ParameterError, bead_names, require_one
 from ..base.units import keep
 from .pairs import NONE, PairCoefficient
 
@@ -62,8 +62,7 @@ class MDPD(PairCoefficient):
         super().__post_init__()
         if self.cutoff_density is None:
             keep(self, cutoff_density=self.cutoff_B)
-        if self.kernel not in DENSITY_KERNELS:
-            raise ParameterError(f"kernel must be one of {', '.join(DENSITY_KERNELS)}, not {what_is(self.kernel)}")
+        require_one(self.kernel, DENSITY_KERNELS, "kernel")
         if self.cutoff_B > self.cutoff:
             raise ParameterError(f"cutoff_B = {self.cutoff_B:g} must not be longer than cutoff = {self.cutoff:g}")
         if self.cutoff_density > self.cutoff:

@@ -284,8 +284,7 @@ class PairTable:
     """
 
     def __init__(self, entries: Mapping):
-        if not isinstance(entries, Mapping):
-            raise ParameterError(f"a PairTable is made from a mapping such as {{('A', 'B'): DPD(...)}}, not from {what_is(entries)}")
+        require(entries, Mapping, "a PairTable is made from a mapping such as {('A', 'B'): DPD(...)}")
         if not entries:
             raise ParameterError("a PairTable needs at least one entry")
         for key in entries:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.errors import ParameterError, require, what_is
+from ..base.errors import ParameterError, require, require_one
 from ..base.units import keep
 from .pairs import PairCoefficient, checked
 
@@ -110,8 +110,7 @@ class RadialPair(PairCoefficient):
 
     def __post_init__(self):
         super().__post_init__()
-        if self.form not in FORMULAS:
-            raise ParameterError(f"form must be one of {', '.join(FORMULAS)}, not {what_is(self.form)}")
+        require_one(self.form, FORMULAS, "form")
         require(self.shift, (bool, np.bool_), "shift must be True or False")
         dimensions = FORMULAS[self.form].dimensions
         given = dict(self.values) if isinstance(self.values, Mapping) else dict(zip(dimensions, self.values, strict=False))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..base.errors import ParameterError, bead_number, either, fact_table, require, what_is
+from ..base.errors import ParameterError, bead_number, either, fact_table, require, require_one, what_is
 from ..base.units import keep, known_under, thermal_energy, to_md
 from .angles import Angles, Dihedrals, check_angles, check_torsions
 from .bodies import Body, Shape, check_bodies
@@ -172,8 +172,7 @@ class Scene:
         self._check_kinds("reactions", BondFormation, BondBreaking)
         check_reactions(self)
         check_segments(self)
-        if self.compat not in ("consistent", "lammps"):
-            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
+        require_one(self.compat, ("consistent", "lammps"), "compat")
 
     @property
     def immobile(self) -> np.ndarray:
@@ -355,8 +354,7 @@ class Scene:
             raise ParameterError(f"{name} must be a sequence of {names}, such as [{known[0]}(...)], not {what_is(given)}")
         keep(self, **{name: tuple(given)})
         for entry in given:
-            if not isinstance(entry, kinds):
-                raise ParameterError(f"{name} must be a sequence of {names}, not of {type(entry).__name__}")
+            require(entry, kinds, f"{name} must be a sequence of {names}")
 
     def _check_flow(self) -> None:
         """Check forces on single beads and walls, and keep the gaps between walls."""
@@ -372,8 +370,7 @@ class Scene:
     def _checked_pairs(self) -> tuple[PairTable, ...]:
         """Pair tables; ParameterError if a pair of types is missing, or coefficients contradict the temperature."""
         tables = self.pairs
-        if not isinstance(tables, (PairTable, Mapping, Sequence)):
-            raise ParameterError(f"pairs must be a PairTable, a mapping that makes one, or a sequence of them, not {what_is(tables)}")
+        require(tables, (PairTable, Mapping, Sequence), "pairs must be a PairTable, a mapping that makes one, or a sequence of them")
         if isinstance(tables, Mapping):
             tables = PairTable(tables)
         if isinstance(tables, PairTable):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, bead_names, in_length, require, what_is
+from ..base.errors import ParameterError, bead_names, in_length, require, require_one
 from ..base.geometry import minimum_images
 from ..base.units import keep
 from .bonds import bead_indices
@@ -53,8 +53,7 @@ class SegmentalRepulsion:
     def __post_init__(self):
         keep(self, A=checked(self.A, "force", "A of the segmental repulsion"))
         keep(self, cutoff=checked(self.cutoff, "length", "cutoff of the segmental repulsion", positive=True))
-        if self.distance not in DISTANCES:
-            raise ParameterError(f"distance of the segmental repulsion must be 'mid' or 'min', not {what_is(self.distance)}")
+        require_one(self.distance, DISTANCES, "distance of the segmental repulsion")
         require(self.exclude_adjoining, (bool, np.bool_), "exclude_adjoining must be True or False")
         if self.distance == "min" and not self.exclude_adjoining:
             raise ParameterError("bonds that share a bead have the distance 0 with distance='min'; they must be left out")

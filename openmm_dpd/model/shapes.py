@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 import scipy
 
-from ..base.errors import ParameterError, in_length, optional_package, what_is
+from ..base.errors import ParameterError, in_length, optional_package, require, what_is
 from ..base.units import checked, keep, to_md
 from .flow import AXES
 from .formulas import read_formula, values
@@ -231,8 +231,7 @@ class MeshShape(WallShape):
     as_read: bool = field(init=False, repr=False)  #: Whether it is where the numbers in the file say
 
     def __post_init__(self):
-        if not isinstance(self.file, str | os.PathLike):
-            raise ParameterError(f"a mesh is in a file, given by its path, not {what_is(self.file)}")
+        require(self.file, str | os.PathLike, "a mesh is in a file, given by its path")
         if not os.path.isfile(self.file):
             raise ParameterError(f"there is no file {os.fspath(self.file)} with a mesh")
         igl, what = optional_package("igl", "mesh", "meshes need"), f"the mesh {os.fspath(self.file)}"

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require, what_is
 from ..base.geometry import folded
 from ..base.units import keep, to_md
 from .pairs import checked
@@ -142,8 +142,7 @@ class Source(OnFields):
     _WHAT = "a source"
 
     def __post_init__(self):
-        if not isinstance(self.region, (Block, Sphere)):
-            raise ParameterError(f"the region of a source must be a Block or a Sphere, not {what_is(self.region)}")
+        require(self.region, (Block, Sphere), "the region of a source must be a Block or a Sphere")
         keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=point(self.corner, "corner"))
         self._keep_beads()
 

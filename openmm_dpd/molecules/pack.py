@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from openmm import unit
 
-from ..base.errors import ParameterError, require, what_is
+from ..base.errors import ParameterError, require, require_one, what_is
 from ..base.units import thermal_energy, whole_number
 from ..model.box import box_vectors
 from ..model.pairs import checked
@@ -36,8 +36,7 @@ class Scattered:
 
     def __post_init__(self):
         object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
-        if self.region is not None and not isinstance(self.region, (Block, Sphere)):
-            raise ParameterError(f"region must be a Block or a Sphere, not {what_is(self.region)}")
+        require(self.region, Block | Sphere | None, "region must be a Block or a Sphere")
 
 
 @dataclass(frozen=True)
@@ -63,8 +62,7 @@ class Bilayer:
 
     def __post_init__(self):
         object.__setattr__(self, "count", whole_number(self.count, "the number of molecules", least=0))
-        if not isinstance(self.normal, str) or self.normal not in AXES:
-            raise ParameterError(f"normal must be 'x', 'y' or 'z', not {what_is(self.normal)}")
+        require_one(self.normal, AXES, "normal")
         if self.centre is not None:
             object.__setattr__(self, "centre", checked(self.centre, "length", "the centre of a bilayer", signed=True))
         upper = (self.count + 1) // 2 if self.upper is None else whole_number(self.upper, "the number in the upper leaflet", least=0)

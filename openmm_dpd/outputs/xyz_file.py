@@ -122,12 +122,8 @@ def _check_file(file: str | os.PathLike, species: list[set[str]]) -> None:
     with open(file, encoding="utf-8", errors="replace") as lines:
         count, words = lines.readline().strip(), lines.readline()
         rows = [lines.readline() for _ in species]
-        found = [row.partition(" ")[0] for row in rows]
-    if (
-        count != str(len(species))
-        or "Properties=species:S:1:pos:R:3:velo:R:3" not in words
-        or any(name not in names for name, names in zip(found, species, strict=True))
-    ):
+    known = all(row.partition(" ")[0] in names for row, names in zip(rows, species, strict=True))
+    if count != str(len(species)) or "Properties=species:S:1:pos:R:3:velo:R:3" not in words or not known:
         raise ParameterError(f"cannot append to {os.fspath(file)}: it does not begin with a frame of these {len(species)} beads")
     with open(file, "rb") as content:  # frames are about as long as the first one
         content.seek(-min(os.path.getsize(file), 2 * len(count + words + "".join(rows)) + 1000), os.SEEK_END)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require_one
 from ..molecules.builders import like_repulsion, unlike_repulsion
 from ..molecules.terms import Spring
 from .chains import chain_chi_slope, volume_per_bead
@@ -97,8 +97,7 @@ def _relation(density, A, beads: int, bond: Spring | None) -> _Relation:
 
 
 def _published(relation: str, A, beads: int, bond: Spring | None) -> bool:
-    if not isinstance(relation, str) or relation not in _RELATIONS:
-        raise ParameterError(f"relation must be one of {', '.join(_RELATIONS)}, not {what_is(relation)}")
+    require_one(relation, _RELATIONS, "relation")
     if relation == "groot-warren" and A is not None:
         raise ParameterError("the relation of Groot and Warren holds for A = 75/density; leave A out")
     if relation == "groot-warren" and (beads != 1 or bond is not None):

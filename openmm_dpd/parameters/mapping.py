@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from openmm import unit
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require_one
 from ..base.units import BOLTZMANN, DIMENSIONS, keep, md_pressure, to_md, whole_number
 from ..model.pairs import DPD, checked
 from .estimate import Estimate, reduced_number
@@ -165,8 +165,7 @@ class BeadMapping:
         return self.molecules * reduced * self.cutoff**2 / self.diffusion * unit.picosecond
 
     def _scale(self, dimension: str) -> float:
-        if dimension not in _POWERS:
-            raise ParameterError(f"dimension must be one of {', '.join(_POWERS)}, not {what_is(dimension)}")
+        require_one(dimension, _POWERS, "dimension")
         mass, length, time = _POWERS[dimension]
         return float(self.mass**mass * self.cutoff**length * self.time**time)
 

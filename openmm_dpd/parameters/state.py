@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import brentq
 
-from ..base.errors import ParameterError, what_is
+from ..base.errors import ParameterError, require_one
 from .estimate import Bounds, Estimate, outside, reduced_number, shipped_rows
 
 #: Coefficients of B2/A and of the dense limit: eqs 10 and 14 of Liyana-Arachchi et al.
@@ -109,8 +109,7 @@ def _equation(name: str) -> _Equation:
             False,
         ),
     }
-    if not isinstance(name, str) or name not in known:
-        raise ParameterError(f"equation must be one of {', '.join(known)}, not {what_is(name)}")
+    require_one(name, known, "equation")
     return known[name]()
 
 

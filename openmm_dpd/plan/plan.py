@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import ParameterError, PlanError, fact_table, require, what_is
+from ..base.errors import PlanError, fact_table, require, require_one
 from ..base.names import PAIR_GROUP
 from ..base.platforms import fastest_platform
 from ..kernels.driven import Continuum, Driven
@@ -260,8 +260,7 @@ def make_plan(
     chosen = scheme_of(scheme)
     step, lam, key = checked_step(dt), checked_lam(lam, chosen), checked_seed(seed)
     platform = platform_name(platform) or (fastest_platform() if host is None else None)
-    if conservative not in ("auto", "openmm", "kernel"):
-        raise ParameterError(f"conservative must be 'auto', 'openmm' or 'kernel', not {what_is(conservative)}")
+    require_one(conservative, ("auto", "openmm", "kernel"), "conservative")
     require(loop, bool, "loop must be True or False")
     check_cutoffs(scene.box, tables)
     layers = [table for table in tables if resolved_kind(table).overlay is None]

@@ -87,20 +87,22 @@ _ACTING += " body_forces walls interacting shear bodies reactions compat"
 
 def forces_number(scene: Scene, *more: Any) -> float:
     """The checksum of what forces of a scene are computed with, and of ``more``; equal for equal values."""
-    number = 0
+    return float(_checksum([*(getattr(scene, name) for name in _ACTING.split()), *more]))
 
-    def add(thing: Any) -> None:
-        nonlocal number
-        inner: Any = thing.items() if isinstance(thing, Mapping) else thing if isinstance(thing, (tuple, list)) else ()
-        if is_dataclass(thing) and not isinstance(thing, type):
-            inner = [getattr(thing, each.name) for each in fields(thing)]
-        text = thing if isinstance(thing, (bool, int, float, str, type, NoneType)) else type(thing).__name__
-        number = crc32(thing.tobytes() if isinstance(thing, np.ndarray) else str(text).encode(), number)
-        for each in inner:
-            add(each)
 
-    add([getattr(scene, name) for name in _ACTING.split()] + list(more))
-    return float(number)
+def _checksum(thing: Any, number: int = 0) -> int:
+    if isinstance(thing, np.ndarray):
+        return crc32(thing.tobytes(), number)
+    if isinstance(thing, Mapping):
+        thing = list(thing.items())
+    elif is_dataclass(thing) and not isinstance(thing, type):
+        thing = [type(thing), *(getattr(thing, each.name) for each in fields(thing))]
+    if not isinstance(thing, (tuple, list)):
+        known = isinstance(thing, (int, float, str, type, np.generic, NoneType))
+        return crc32(str(thing if known else type(thing)).encode(), number)
+    for each in thing:
+        number = _checksum(each, number)
+    return number
 
 
 def tau_ratio(double: bool) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 import openmm
 from openmm import unit
 
-from ..base.errors import ParameterError, PlanError, require, what_is
+from ..base.errors import ParameterError, PlanError, require, require_one, what_is
 from ..base.names import CONVERTED, FIELD, SEED, VOLUME_ACCEPTED, VOLUME_MOVES, VOLUME_STEP
 from ..base.units import BAR_PER_MD_PRESSURE, BOLTZMANN, md_pressure, md_tension, whole_number
 from ..io.snapshot import Cadence
@@ -159,8 +159,7 @@ _Z_MODES = {"free": _Membrane.ZFree, "fixed": _Membrane.ZFixed, _CONSTANT_VOLUME
 
 def _membrane_barostat(box: np.ndarray, pressure, tension, xymode: str, zmode: str, kelvin: float, interval: int) -> openmm.Force:
     for name, mode, known in (("xymode", xymode, _XY_MODES), ("zmode", zmode, _Z_MODES)):
-        if mode not in known:
-            raise ParameterError(f"{name} must be one of {', '.join(map(repr, known))}, not {what_is(mode)}")
+        require_one(mode, known, name)
     if np.any(box != np.diag(np.diag(box))):
         raise PlanError("a surface tension across z needs an orthorhombic box")
     if zmode == _CONSTANT_VOLUME:

@@ -295,7 +295,7 @@ class Watching:
         self.settle(context)
         assert self.made is not None
         if self.made.edges:
-            self.made.check_box(_box(context))
+            self.made.check_box(np.array(_box(context)))
         parameters = context.getParameters()
         if (wrong := wrong_key(parameters)) is not None:
             raise openmm.OpenMMException(wrong)

@@ -100,10 +100,10 @@ BAD = {
     "angle of a missing bead": (lambda: scene(angles=[dpd.CosineAngles([(0, 1, 4)], 1)]), "an angle names bead 4.*only 4 beads"),
     "angle twice": (lambda: scene(angles=_TWICE), r"0, 1 and 2 \(counted from 0\) is listed twice"),
     "not a sequence": (lambda: scene(angles=_TWICE[0]), "angles must be a sequence of HarmonicAngles or CosineAngles"),
-    "bond for an angle": (lambda: scene(angles=[dpd.MorseBonds(PAIR, 1, 1, 1)]), "not of MorseBonds"),
+    "bond for an angle": (lambda: scene(angles=[dpd.MorseBonds(PAIR, 1, 1, 1)]), "not a MorseBonds"),
     "angle for a bond": (
         lambda: scene(bonds=_TWICE[:1]),
-        "HarmonicBonds or FENEBonds or MorseBonds or NonlinearBonds or QuarticBonds, not of CosineAngles",
+        "HarmonicBonds or FENEBonds or MorseBonds or NonlinearBonds or QuarticBonds, not a CosineAngles",
     ),
     "too long": (lambda: scene(bonds=[dpd.FENEBonds([(0, 1), (2, 3)], 1, 1.1)]), _TOO_LONG),
     "at one point": (lambda: beads(2, **_POINT), r"beads 0 and 1 \(counted from 0\) are at the same point"),

@@ -224,7 +224,7 @@ BAD = {
     "no cutoff": (lambda: S(1.0, 0.0), "cutoff of the segmental repulsion must be > 0"),
     "an array": (lambda: S([1.0, 2.0]), "A of the segmental repulsion must be a single number"),
     "unit": (lambda: S(1 * unit.nanometer), "A of the segmental repulsion has the unit nanometer, which is no force"),
-    "distance": (lambda: S(1.0, 1.0, "nearest"), "must be 'mid' or 'min', not 'nearest'"),
+    "distance": (lambda: S(1.0, 1.0, "nearest"), "must be one of mid, min, not 'nearest'"),
     "sharing": (lambda: S(1.0, 1.0, "min", exclude_adjoining=False), "they must be left out"),
     "truth": (lambda: S(1.0, exclude_adjoining="no"), "must be True or False, not 'no'"),
     "triples": (lambda: S(1.0, bonds=[(0, 1, 2)]), r"segments must be an integer array of shape \(K, 2\)"),

@@ -343,7 +343,7 @@ def test_coefficients_of_a_data_file(tmp_path):
     ("", ("# molecular", "# edpd"), {}, "atom_style edpd cannot be taken .its beads have fields"),
     ("", ("", ""), {"types": {1: "A"}}, "types must name each of the 2 atom types"),
     ("", ("", ""), {"types": {1: "A", 2: "A"}}, "a name of its own"),
-    ("", ("", ""), {"units": "electron"}, "unknown units 'electron'"),
+    ("", ("", ""), {"units": "electron"}, "units must be one of .*'electron'"),
     (" # harmonic", ("1 50 0.7", "1 50"), {}, r"data.x:\d+: .*K r0"),
     (" # class2", ("", ""), {}, "no bonds are given"),
     ("", ("1 angle types", "1 angle types\n2 impropers"), {}, "the header announces 2 impropers, but there is no Impropers section"),

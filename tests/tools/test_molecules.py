@@ -354,7 +354,7 @@ test_bad_packing = refused(
     (lambda: pack({CHAIN: 10}), "must be given"),
     (lambda: pack({}, solvent=None), "nothing to pack"),
     (lambda: pack({}, solvent=None, box=[4.0] * 3), "nothing to pack"),
-    (lambda: Bilayer(2, normal=["z"]), "'x', 'y' or 'z'"),
+    (lambda: Bilayer(2, normal=["z"]), "normal must be one of x, y, z"),
     (lambda: Bilayer(2, centre=[1.0, 2.0]), "the centre of a bilayer must be a single number"),
     (lambda: pack([CHAIN], box=[4.0] * 3), "must map"),
     (lambda: pack({"W": 10}, box=[4.0] * 3), "single bead"),
@@ -371,7 +371,7 @@ test_bad_packing = refused(
     (lambda: pack({CHAIN: Bilayer(2)}, box=[[6, 0, 0], [2, 6, 0], [1, 1, 6]]), "orthorhombic"),
     (lambda: pack({CHAIN: Bilayer(2, centre=1), bead("B"): Bilayer(2, centre=9.5)}, box=[4, 4, 10]), "bilayer of A4 and the .* B overlap"),
     (lambda: pack({CHAIN: Bilayer(2), bead("B"): Bilayer(2, normal="x")}, box=[9.0] * 3), "bilayer of A4 and the .* B cross"),
-    (lambda: Bilayer(2, normal="w"), "'x', 'y' or 'z'"),
+    (lambda: Bilayer(2, normal="w"), "normal must be one of x, y, z"),
     (lambda: Bilayer(2, upper=3), "more than the 2"),
     (lambda: pack({CHAIN: 1}, box=[4.0] * 3, seed=1).beads("X"), "no molecule 'X'.*A4, W"),
 )

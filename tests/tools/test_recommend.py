@@ -386,7 +386,7 @@ test_what_is_refused = refused(
     dpd.ParameterError,
     *((lambda error=error: recommend(scene(), error), "error") for error in (0.0, -0.01, 0.2, "much", None)),
     (lambda: recommend("fluid"), "Scene"),
-    (lambda: recommend(scene(), quantity="colour"), "unknown quantity 'colour'"),
+    (lambda: recommend(scene(), quantity="colour"), "the quantity must be one of .*'colour'"),
     (lambda: recommend(scene(), duration=0.0), "duration"),
     (lambda: recommend(dpd.MixedSystem(*[None] * 7)), "step and scheme of the atoms"),
     (lambda: StabilityTable(made_up(power, repulsions=(25.0,))), "two repulsions"),

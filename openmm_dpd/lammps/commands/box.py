@@ -283,12 +283,10 @@ def _note_order(state: DeckState, command: str) -> None:
 def _by_place(state: DeckState) -> np.ndarray:
     """The order of ``reset_atoms id sort yes``: bins of some ten beads in the box around all, x fastest, and x, y and z in them."""
     x, dimension = state.atoms.positions, state.dimension
-    low, high = x.min(axis=0), x.max(axis=0)
-    low[dimension:], high[dimension:] = 0.0, 0.0
-    flat = np.where(low == high, 0.5, 0.0)
-    low, high = low - flat, high + flat
-    low -= 0.0001 * (high - low)
-    high += 0.0001 * (high - low)
+    low, high = (np.where(np.arange(3) < dimension, end, 0.0) for end in (x.min(axis=0), x.max(axis=0)))
+    low, high = np.where(low == high, low - 0.5, low), np.where(low == high, high + 0.5, high)
+    low = low - 0.0001 * (high - low)
+    high = high + 0.0001 * (high - low)
     edges = high - low
     size = (np.prod(edges[:dimension]) / (len(x) // 10 + 1)) ** (1 / dimension)
     counts = (edges / size).astype(int) + 1

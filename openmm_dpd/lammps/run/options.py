@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
 
-from ...base.errors import ParameterError, what_is
+from ...base.errors import ParameterError, require_one, what_is
 from ...base.units import whole_number
 from ...kernels.engines import engine_kind
 from ...runtime import get_threads
@@ -38,8 +38,7 @@ class RunOptions:
     format: str = "dcd"  #: Format of the trajectory: ``dcd`` or ``xtc``
 
     def __post_init__(self):
-        if self.compat not in ("consistent", "lammps"):
-            raise ParameterError(f"compat must be 'consistent' or 'lammps', not {what_is(self.compat)}")
+        require_one(self.compat, ("consistent", "lammps"), "compat")
         if self.engine != "auto":
             engine_kind(self.engine)  # raises if unknown
         if self.format not in FORMATS:

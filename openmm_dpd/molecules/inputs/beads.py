@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.errors import ParameterError, what_is
+from ...base.errors import ParameterError, require, what_is
 from ...base.units import known_under, to_md
 from ...io.psf import checked_bonds
 from ...model.scene import Scene
@@ -307,8 +307,7 @@ def _terms(beads: BeadArrays, rows: np.ndarray, names: list[str] | None, given, 
 
 def _named(given: Mapping, key: str, kind: type, term: str):
     found = given.get(key)
-    if found is not None and not isinstance(found, kind):
-        raise ParameterError(f"the {term} for {key!r} must be one of {', '.join(known_under(kind))}, not {what_is(found)}")
+    require(found, kind | None, f"the {term} for {key!r} must be one of {', '.join(known_under(kind))}")
     return found
 
 

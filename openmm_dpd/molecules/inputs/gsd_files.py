@@ -5,7 +5,7 @@ from copy import deepcopy
 
 import numpy as np
 
-from ...base.errors import ParameterError, optional_package, what_is
+from ...base.errors import ParameterError, optional_package, require
 from ...base.geometry import reduced
 from ...base.units import unit_system, whole_number
 from ...model.scene import Scene
@@ -80,8 +80,7 @@ def _frame(source, frame: int):
     at = whole_number(frame, "the number of a frame")
     if isinstance(source, hoomd.Frame):
         return "the GSD frame", _complete(deepcopy(source))
-    if not isinstance(source, (str, os.PathLike)):
-        raise ParameterError(f"expected a GSD file or a gsd.hoomd.Frame, not {what_is(source)}")
+    require(source, (str, os.PathLike), "expected a GSD file or a gsd.hoomd.Frame")
     try:
         with hoomd.open(os.fspath(source), "r") as file:
             if not -len(file) <= at < len(file):
