@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.errors import DPDError, ParameterError, in_number, in_units, require, require_one, unit_name, what_is
-from ..base.units import to_md
+from ..base.units import checked, to_md
 from ..model.scene import Scene
 from ..model.schemes import SCHEMES, scheme_of
 from ..plan.plan import make_plan
@@ -166,10 +166,7 @@ def recommend(
             f"error must be a fraction of the temperature from {SMALLEST:g} to {LEVELS[-1]:g} (0.01 is 1 %), not {what_is(error)}"
         )
     require_one(quantity, QUANTITIES, "the quantity")
-    if duration is not None:
-        duration = to_md(duration, "time", "duration")
-        if not isinstance(duration, float) or not 0 < duration < np.inf:
-            raise ParameterError(f"duration must be a time > 0, not {what_is(duration)}")
+    duration = None if duration is None else checked(duration, "time", "duration", positive=True)
     table = table or steps_table(scene)
     pairs, notes = groups(scene)
     outside = list(dict.fromkeys(text for at in pairs for text in table.outside(at)))

@@ -20,11 +20,17 @@ def checked_step(dt) -> float:
     return checked(dt, "time", "dt", positive=True)
 
 
-def checked_lam(lam, scheme: Scheme) -> float:
-    """The weight of the velocity prediction; ParameterError if it is out of bounds, or the scheme predicts nothing."""
+def checked_weight(lam) -> float:
+    """The weight of the velocity prediction; ParameterError if it is out of bounds."""
     weight = to_md(lam, "dimensionless", "lam")
     if not isinstance(weight, float) or not 0.0 <= weight <= 1.0:
         raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {what_is(lam)}")
+    return weight
+
+
+def checked_lam(lam, scheme: Scheme) -> float:
+    """The weight of the velocity prediction; ParameterError if it is out of bounds, or the scheme predicts nothing."""
+    weight = checked_weight(lam)
     if weight != 0.5 and not scheme.predicts:
         raise ParameterError(f"lam is the weight of the prediction of the scheme {predicting()}; the scheme {scheme.name!r} has none")
     return weight

@@ -350,7 +350,7 @@ def test_schemes_and_places_that_do_not_fit():
     ({"sources": [dpd.Source(dpd.Sphere((1, 0, 0), 1.0), 1.0, species=1)]}, "names species 1, but there are 1"),
     ({"sources": [dpd.Buoyancy((0, 0, 1), 1.0, species=1)]}, "a buoyancy names species 1, but there are 1"),
     ({"sources": [dpd.Buoyancy((0, 0, 1), 1.0, beads=np.ones(3))]}, "one entry per bead, 90"),
-    ({"sources": ["up"]}, "Source and Buoyancy, not of 'up'"),
+    ({"sources": ["up"]}, "Source and Buoyancy, not 'up'"),
     ({"compat": "LAMMPS"}, "compat must be"),
 )
 def test_bad_input(change, message):

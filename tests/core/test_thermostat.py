@@ -133,7 +133,7 @@ def test_bad_input(arguments, message):
 
 
 def test_somebody_must_take_part():
-    raises(dpd.ParameterError, "not to a Topology", lambda: dpd.add_thermostat(app.Topology(), dpd.DPD(gamma=1), 300, 0.002))
+    raises(dpd.ParameterError, "not a Topology", lambda: dpd.add_thermostat(app.Topology(), dpd.DPD(gamma=1), 300, 0.002))
     system = system_of()
     raises(dpd.ParameterError, "every particle is left out", dpd.add_thermostat, system, ALIKE, 300, 0.002, types=[None] * 4)
     for k in range(4):

@@ -246,7 +246,7 @@ def test_nothing_is_said_where_nothing_differs(tmp_path):
 @cases(
     "choices, message",
     ({"dt": None}, "dt, the step size, is required"),
-    ({"dt": -1.0}, "dt must be one time > 0"),
+    ({"dt": -1.0}, "dt must be > 0"),
     ({"scheme": "leapfrog"}, "unknown scheme 'leapfrog'; it must be one of mvv"),
     ({"units": "electron"}, "units must be one of .*'electron'"),
     ({"name": "a b"}, "the name of an export"),

@@ -16,7 +16,7 @@ from ...model.scene import Scene
 from ...model.schemes import scheme_of
 from ...model.sources import Source
 from ...model.temperature import TemperatureRamp
-from ...plan.choices import checked_seed
+from ...plan.choices import checked_seed, checked_step, checked_weight
 from ...simulation.build import initial_velocities
 from ..files.data_file import JOINED, data_lines
 from ..styles.charges import charge_use
@@ -85,13 +85,9 @@ def make_job(scene: Scene, name, dt, steps, scheme, lam, seed, every, units, cor
         raise ParameterError(f"the name of an export may contain only letters, digits and _ . + -, not {what_is(name)}")
     if dt is None:
         raise ParameterError("dt, the step size, is required to export a scene")
-    step = to_md(dt, "time", "dt")
-    if not isinstance(step, float) or step <= 0:
-        raise ParameterError(f"dt must be one time > 0, not {what_is(dt)}")
+    step = checked_step(dt)
     scheme = scheme_of(scheme).name
-    weight = to_md(lam, "dimensionless", "lam")
-    if not isinstance(weight, float) or not 0 <= weight <= 1:
-        raise ParameterError(f"lam (lambda of the modified velocity Verlet scheme) must be between 0 and 1, but is {what_is(lam)}")
+    weight = checked_weight(lam)
     number_of_steps = whole_number(steps, "steps", 0)
     interval = max(1, number_of_steps // 100) if every is None else whole_number(every, "every", 1)
     system, differences = unit_system(units), Differences()
