@@ -36,9 +36,11 @@ from atlas_parts.store import Store, carry_out  # noqa: E402
 from suite_scenes import SCENES, SUITE, freeze  # noqa: E402
 
 import openmm_dpd as dpd  # noqa: E402
+from openmm_dpd.io.pictures import new_figure, write_picture  # noqa: E402
 from openmm_dpd.model.schemes import SCHEMES  # noqa: E402
 from openmm_dpd.plan.plan import make_plan  # noqa: E402
 from openmm_dpd.score.quantities import INTERVAL, QUANTITIES  # noqa: E402
+from openmm_dpd.score.report import PEERS  # noqa: E402
 from openmm_dpd.score.runs import BlockMeans, State, broken, run_frames, run_states, run_word  # noqa: E402
 from openmm_dpd.score.scoring import Judged, climbed, forces, judge_surely, summed_up  # noqa: E402
 from openmm_dpd.score.suite import SuiteScene, load_suite  # noqa: E402
@@ -73,8 +75,9 @@ def in_lammps(its: SuiteScene, job: dict) -> BlockMeans:
         done = subprocess.run(command, cwd=its.deck.parent, capture_output=True, text=True, env=peer.environment())
         if done.returncode:
             return broken(its, (done.stdout + done.stderr).strip().splitlines()[-1][:200])
-        loop = float(re.findall(r"Loop time of ([\d.eE+-]+) on", done.stdout)[-1])
-        return run_frames(its, frames, dt, seconds=loop / (20.0 + job["time"]))
+        patterns = (r"Loop time of ([\d.eE+-]+) on", r"([\d.]+)% CPU use", r"^Output +\|[^|]*\| *([\d.eE+-]+)")
+        loop, share, output = (float(re.findall(pattern, done.stdout, re.MULTILINE)[-1]) for pattern in patterns)
+        return run_frames(its, frames, dt, seconds=(loop - output) * share / 100 / (20.0 + job["time"]))  # CPU time without that of frames
 
 
 def reference_jobs(runs: int) -> list[dict]:
@@ -164,8 +167,7 @@ UNITS = {"T_kin": 1.0, "T_conf": 1.0, "theta": 1.0, "g_core": 1.0, "g_shell": 1.
 
 # -- scores --------------------------------------------------------------------------------------------------------------------
 METHODS = {
-    **{name: name for name in ("mvv", "mvv, lambda 0.65", "shardlow", "middle", "aboba", "basa", "bababo", "bababs", "bab3")},
-    "LAMMPS": "LAMMPS",
+    **{name: name for name in ("LAMMPS", "mvv", "mvv, lambda 0.65", "shardlow", "middle", "aboba", "basa", "bababo", "bababs", "bab3")},
     "Peters": "B/2 A B/2 O",
     **{name: name for name in ("Lowe-Andersen", "pairwise Nose-Hoover-Langevin", "pairwise adaptive Langevin", "PRK3-Ruth")},
 }
@@ -209,7 +211,7 @@ def scored(job: dict) -> dict:
     except dpd.DPDError as error:
         return job | {"failed": str(error).splitlines()[0][:200]}
     found = score.as_data() | {"forces": count}
-    if not published and method != "LAMMPS" and score.limit:
+    if not published and score.limit:
         peer_step = run_word(its, "mvv", its.step, time=20.0, discard=2.0).seconds * its.step
         found["step_over_mvv"] = round(score.seconds * score.limit / peer_step, 3)
     return job | {"averages": found, "seconds": round(time.perf_counter() - begun, 1)}
@@ -255,12 +257,13 @@ def page_tables(scenes: dict) -> dict[str, str]:
         if not any(found.values()):
             continue
         label = f"`{method}`" if method in SCHEMES else method
-        limits.append([label, *(limit_text(its) for its in found.values())])
-        its = {name: gain_of(scenes[name], score) for name, score in found.items() if score}
+        empty = {name: "-" if can(name, method) else "no" for name in scenes}
+        limits.append([label, *(limit_text(its) if its else empty[name] for name, its in found.items())])
+        its = gains_of(scenes, method)
         known = [value for value in its.values() if np.isfinite(value)]
         if known and method != "mvv":
-            mean = f"{np.exp(np.mean(np.log(known))):.1f} ({len(known)})"
-            gains.append([label, *(f"{its[name]:.1f}" if np.isfinite(its.get(name, np.nan)) else "-" for name in scenes), mean])
+            mean = f"{np.exp(np.mean(np.log(known))):.2g} ({len(known)})"
+            gains.append([label, *(f"{value:.2g}" if np.isfinite(value) else empty[name] for name, value in its.items()), mean])
     names = [f"`{name}`" for name in scenes]
     return {
         "suite-values": page.table(heads, rows),
@@ -269,22 +272,45 @@ def page_tables(scenes: dict) -> dict[str, str]:
     }
 
 
-def limit_text(score: dict | None) -> str:
+def limit_text(score: dict) -> str:
     """The longest step and what limits it."""
-    if not score:
-        return "-"
     if not score["limit"]:
         return f"< {score['runs'][0]['dt']:.2g} {score['limited_by']}"
     why = score["limited_by"] if score["limited_by"] in QUANTITIES else "breaks down" if score["limited_by"] else ""
     return f"{'' if why else '> '}{score['limit']:.2g} {why}".strip()
 
 
-def gain_of(entry: dict, score: dict) -> float:
-    """CPU time of ``mvv`` at its own longest step over that of a method."""
-    peer_limit = entry["scores"].get("mvv", {}).get("limit")
-    if not peer_limit or not score["limit"] or "step_over_mvv" not in score:
-        return np.nan
-    return score["limit"] / peer_limit / score["step_over_mvv"]
+def gains_of(scenes: dict, method: str) -> dict[str, float]:
+    """CPU time of ``mvv`` at its own longest step over that of a method, by scene; of the next of ``PEERS`` where it has no such step."""
+
+    def speed(score: dict) -> float:
+        return score["limit"] / score["step_over_mvv"] if "step_over_mvv" in score else np.nan
+
+    found = {}
+    for name, entry in scenes.items():
+        own, *peers = (speed(entry["scores"].get(word, {})) for word in (method, *PEERS))
+        found[name] = own / next(filter(np.isfinite, peers), np.nan)
+    return found
+
+
+def picture(scenes: dict, file: Path) -> None:
+    """How many times as fast as ``mvv`` methods are in all scenes, as a map of colours."""
+    rows = {method: gains_of(scenes, method) for method in METHODS}
+    rows = {method: its for method, its in rows.items() if np.isfinite([*its.values()]).any()}
+    values = np.array([[*its.values()] for its in rows.values()])
+    figure = new_figure(10.0, 0.9 + 0.36 * len(rows))
+    axis = figure.subplots()
+    axis.imshow(np.log2(values), cmap="RdBu", vmin=-3, vmax=3, aspect="auto")
+    for (row, column), value in np.ndenumerate(values):
+        method, name = list(rows)[row], list(scenes)[column]
+        known = scenes[name]["scores"].get(method)
+        text = f"{value:.2g}" if np.isfinite(value) else "no step" if known and not known["limit"] else "-" if can(name, method) else "no"
+        colour = "white" if np.abs(np.log2(value)) > 1.8 else "black"
+        axis.text(column, row, text, ha="center", va="center", color=colour)
+    axis.set_xticks(range(len(scenes)), list(scenes), rotation=30, ha="right")
+    axis.set_yticks(range(len(rows)), list(rows))
+    axis.set_title(f"times as fast as {PEERS[0]} at 1 %, each at its own longest step")
+    write_picture(file, figure)
 
 
 def entry(store: Store, name: str, runs: int, more: int, known: dict) -> dict:
@@ -314,6 +340,7 @@ def write(store: Store, runs: int, more: int) -> None:
     }
     (SCENES.parent / "suite.json").write_text(json.dumps(data, indent=1) + "\n")
     page.update(ROOT / "docs" / "suite.md", texts=page_tables(data["scenes"]))
+    picture(data["scenes"], ROOT / "docs" / "figures" / "suite.png")
 
 
 def main() -> None:

@@ -13,17 +13,16 @@ from .runs import run_word
 from .scoring import Judged, Score
 from .suite import SuiteScene
 
-#: What others are compared with: LAMMPS's scheme, at its own longest step, timed here.
-PEER = "mvv"
+#: What others are compared with: LAMMPS's schemes, at their own longest steps, timed here; the second where the first has no such step.
+PEER, PEERS = "mvv", ("mvv", "shardlow")
 
 
 def gain(score: Score) -> float:
-    """CPU time of ``mvv`` at its own longest step over that of a score, both on this machine; NaN if one of them has no such step."""
-    limit = score.scene.scores.get(PEER, {}).get("limit")
-    if not limit or not score.limit or not np.isfinite(score.seconds):
+    """CPU time of the first of ``PEERS`` that has a longest step over that of a score, both on this machine; NaN if one has none."""
+    peer = next((word for word in PEERS if score.scene.scores.get(word, {}).get("limit")), None)
+    if not peer or not score.limit or not np.isfinite(score.seconds):
         return np.nan
-    step = score.scene.step
-    return run_word(score.scene, PEER, step, time=20.0, discard=2.0).seconds * step / limit / score.seconds
+    return run_word(score.scene, peer, score.scene.scores[peer]["limit"], time=20.0, discard=2.0).seconds / score.seconds
 
 
 def gains(scores: Sequence[Score]) -> dict[str, float]:
