@@ -15,6 +15,7 @@ from ..base.errors import DPDError, ParameterError
 from ..base.geometry import minimum_images
 from ..base.names import SHEARED
 from ..base.openmm_private import bare
+from ..kernels.shear import rate_at, sheared_box
 from ..lammps import read_lammps_dump
 from ..measure.flow import StressReporter
 from ..measure.observer import Observer
@@ -141,7 +142,8 @@ def run_frames(its: SuiteScene, path: str | Path, dt: float, *, discard: float =
     its : SuiteScene
         The scene that the program ran.
     path : str or Path
-        Frames with ``id x y z vx vy vz`` every 0.25 units of time, with the columns of fields that the deck names.
+        Frames with ``id x y z vx vy vz`` every 0.25 units of time, with the columns of fields that the deck names.  In a shear, the box
+        is that of LAMMPS, a step ahead of the positions.
     dt : float
         Step size of the run: the dump has the numbers of steps.
     discard : float
@@ -164,13 +166,18 @@ def run_frames(its: SuiteScene, path: str | Path, dt: float, *, discard: float =
     kept = np.flatnonzero(dt * (frames.steps - frames.steps[0]) >= discard)
     if len(kept) < 10 * BLOCKS or abs(dt * float(np.mean(np.diff(frames.steps[kept]))) - INTERVAL) > 0.1 * INTERVAL:
         raise ParameterError(f"{path} needs {10 * BLOCKS} frames or more after {discard:g} units of time, one every {INTERVAL:g}")
+
+    def box(time: float, ahead: np.ndarray) -> np.ndarray | None:
+        """LAMMPS moves the box of a shear on after the forces of a step, before it writes a frame."""
+        return None if its.scene.shear is None else sheared_box(ahead, -dt * rate_at(its.scene.shear, time), ahead[1, 0])
+
     states = (
         State(
             dt * float(frames.steps[k]),
             frames.positions[k],
             frames.velocities[k],
             {name: each[k] for name, each in frames.fields.items()},
-            None if frames.boxes is None else frames.boxes[k],
+            None if frames.boxes is None else box(dt * float(frames.steps[k]), frames.boxes[k]),
         )
         for k in kept
     )

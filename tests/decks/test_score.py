@@ -14,6 +14,7 @@ from openmm_dpd.lammps import check_deck
 from openmm_dpd.lammps.run.check import as_data
 from openmm_dpd.score import BlockMeans, Judged, judge, load_suite, run_frames, run_word, score_word
 from openmm_dpd.score.quantities import INTERVAL, QUANTITIES
+from openmm_dpd.score.report import PEERS, gain
 from openmm_dpd.score.scoring import climbed, forces, scenes_for, summed_up
 from openmm_dpd.score.suite import FOLDER
 
@@ -60,19 +61,23 @@ def test_force_evaluations_of_a_word(word, count):
 
 
 def dump(path, its, word, dt, time, columns=True):
-    """Frames of a run here, as LAMMPS would write them."""
+    """Frames of a run here, as LAMMPS would write them: the box of a shear has moved on for the next step."""
     built = dpd.build(its.scene, dt=dt, scheme=word, platform="CPU", seed=1)
     simulation, every = built.simulation(properties={"Threads": "1"}), round(INTERVAL / dt)
-    ends = "\n".join(f"0.0 {edge!r}" for edge in np.diag(its.scene.box).tolist())
+    edges, rate = np.diag(its.scene.box).tolist(), its.scene.shear.rate if its.scene.shear else 0.0
     with path.open("w") as file:
         for k in range(round(time / INTERVAL) + 1):
             state = simulation.context.getState(positions=True, velocities=True)
             x, v = (np.array(values._value) for values in (state.getPositions(asNumpy=True), state.getVelocities(asNumpy=True)))
             fields = dpd.read_fields(simulation.context, built.plan)
             more = [np.ravel(fields["concentrations"])] if "concentrations" in fields and columns else []
+            tilt = rate * (k * every + 1) * dt * edges[1]
+            tilt -= edges[0] * np.rint(tilt / edges[0])
+            rows = [[min(0.0, tilt), edges[0] + max(0.0, tilt), tilt], *([0.0, edge, 0.0] for edge in edges[1:])]
+            ends = "\n".join(" ".join(f"{value:.15g}" for value in row[: 3 if rate else 2]) for row in rows)
             head = "id type x y z vx vy vz" + " c_species1" * len(more)
             file.write(
-                f"ITEM: TIMESTEP\n{k * every}\nITEM: NUMBER OF ATOMS\n{len(x)}\nITEM: BOX BOUNDS pp pp pp\n{ends}\nITEM: ATOMS {head}\n"
+                f"ITEM: TIMESTEP\n{k * every}\nITEM: NUMBER OF ATOMS\n{len(x)}\nITEM: BOX BOUNDS{' xy xz yz' * bool(rate)} pp pp pp\n{ends}\nITEM: ATOMS {head}\n"
             )
             rows = np.column_stack([np.arange(1, len(x) + 1), its.scene.type_ids + 1, x, v, *more])
             np.savetxt(file, rows, fmt=["%d", "%d"] + ["%.12g"] * (rows.shape[1] - 2))
@@ -89,6 +94,14 @@ def test_frames_of_a_run_say_what_the_run_says(tmp_path):
     np.testing.assert_allclose(found.mean[:2], expected.mean[:2], rtol=0.02)
     its = replace(its, reference=expected.mean, covariance=np.zeros_like(its.covariance))
     assert judge(its, dt, found).joint(0.01) < 0.05
+
+
+def test_the_box_of_a_shear_is_that_of_the_forces(tmp_path):
+    """That of the frame, one step ahead, would make the stress 2 % and the configurational temperature 3 % larger here."""
+    its, dt = SUITE["shear"], INTERVAL / 16
+    dump(tmp_path / "frames", its, "mvv", dt, 20.0)
+    found, expected = run_frames(its, tmp_path / "frames", dt, discard=INTERVAL), run_word(its, "mvv", dt, time=20.0, discard=0.0)
+    np.testing.assert_allclose(found.mean, expected.mean, rtol=1e-5)
 
 
 def test_frames_that_lack_something_are_refused(tmp_path):
@@ -124,6 +137,15 @@ def test_noise_and_breakdowns():
     score = summed_up(its, [good, stopped], 0.01)
     assert (score.limit, score.limited_by) == (0.08, "too long")
     assert json.loads(json.dumps(score.as_data()))["runs"][1] == {"dt": 0.1, "failed": "too long"}
+
+
+def test_every_scene_has_a_scheme_to_compare_others_with():
+    """Where velocity Verlet has no step within 1 %, it is LAMMPS's other scheme; one that scores as it does is as fast."""
+    its = SUITE["conducting"]
+    assert not its.scores["mvv"]["limit"] and all(any(its.scores.get(word, {}).get("limit") for word in PEERS) for its in SUITE.values())
+    dt = its.scores["shardlow"]["limit"]
+    good = Judged(dt, np.zeros(9), np.full(9, 1e-3), run_word(its, "shardlow", dt, time=20.0, discard=2.0).seconds)
+    assert 0.5 < gain(summed_up(its, [good], 0.01)) < 2.0
 
 
 def test_a_step_that_is_too_long_breaks_down():
