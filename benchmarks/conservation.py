@@ -184,6 +184,8 @@ def text(table: dict) -> str:
     return "\n".join(lines)
 
 
+#: Fluids with ions: part of the beads that are ions, and width of their charges.
+IONS = {"a fifth are ions": (0.2, 0.25), "all are ions": (1.0, 0.35)}
 #: Scenes with bonds, angles and charges whose beads keep their energy, in a fluid of A 25 (the electrolyte's is 78).
 BONDED = (
     "chains, k 4, rest length 0",
@@ -193,12 +195,21 @@ BONDED = (
     "Morse chains, D 50, alpha 8",
     "chains, k 100, angles k 50",
     "electrolyte, A 78",
+    *IONS,
 )
 
 
+def ions(part: float, lamda: float, beads: int = 400) -> dpd.Scene:
+    """A fluid, part of whose beads are ions with Slater charges, one half of either sign."""
+    charges = np.zeros(beads)
+    charges[: round(part * beads)] = np.tile([1.0, -1.0], round(part * beads / 2))
+    electrostatics = dpd.SlaterCharges(lamda=lamda, bjerrum_length=1.1)
+    return fluid(beads, {("A", "A"): dpd.DPD(A=25, gamma=4.5)}, charges=charges, electrostatics=electrostatics)
+
+
 def kept(name: str) -> dpd.Scene:
-    """A scene of :mod:`atlas_parts.scenes` with internal energies in its beads."""
-    scene = SCENES[name](BEADS)
+    """A scene of :mod:`atlas_parts.scenes`, or with ions, with internal energies in its beads."""
+    scene = ions(*IONS[name]) if name in IONS else SCENES[name](BEADS)
     pairs = {("*", "*"): dpd.EnergyDPD(A=78.0 if "78" in name else 25.0, sigma=3.0, kappa=1.0)}
     return replace(scene, pairs=pairs, internal=dpd.InternalEnergy(dpd.ConstantHeatCapacity(LARGE), 1.0), bead_masses=None)
 
