@@ -310,7 +310,7 @@ def picture(scenes: dict, file: Path) -> None:
         axis.text(column, row, text, ha="center", va="center", color=colour)
     axis.set_xticks(range(len(scenes)), list(scenes), rotation=30, ha="right")
     axis.set_yticks(range(len(rows)), list(rows))
-    axis.set_title(f"times as fast as {PEERS[0]} at 1 %, each at its own longest step")
+    axis.set_title(f"times as fast as {PEERS[0]} ({PEERS[1]} where it has no step) at 1 %, each at its own longest step")
     write_picture(file, figure)
 
 
