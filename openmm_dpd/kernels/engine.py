@@ -17,6 +17,7 @@ from .columns import Totals
 from .dpd import SweptLayer
 from .eos import CONSTANT
 from .exceptions import Exceptions
+from .fields import Sources
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM, STRESS, Call, Layer, PairSpec
 from .pairs import MANY
@@ -36,6 +37,7 @@ class PairEngine(Engine):
         self._covered = bool(self.lists) and len(self.lists[0].order) == len(spec.types)
         columns = 0 if spec.fields is None else spec.fields.n_values
         self.rates, self.increments = np.zeros((len(spec.types), columns)), np.zeros((len(spec.types), columns))
+        self._sources, self._given = Sources(spec.fields), np.zeros_like(self.increments)  # rates of the sources, in a sweep
         self.number = 0
         self.extras, self.body_scale = [extra.evaluator() for extra in spec.extras], 1.0
         self._bonds: tuple[list[np.ndarray], Exceptions | None, np.ndarray | None] | None = None  #: Those that form and break
@@ -110,13 +112,12 @@ class PairEngine(Engine):
                 energy += extra.add_to(self._x, self._box, force, self.body_scale)
                 if held is not None:  # once more, so that both have the bits that they have alone
                     extra.add_to(self._x, self._box, held, self.body_scale)
-            for source in () if field_values is None else self.spec.fields.sources:  # type: ignore[union-attr]  # there are fields
+            for source in () if field_values is None else self._sources.all:
                 source.push(force, field_values)
                 if held is not None:
                     source.push(held, field_values)
-        if self.spec.fields is not None and which & DISSIPATIVE:
-            for source in self.spec.fields.sources:
-                source.add_to(self.rates, self._x, self._box)
+        if which & DISSIPATIVE:
+            self._sources.add_to(self.rates, self._x, self._box)
         return Totals(energy, virial, drag, stress, laplacian, conservative)
 
     def swept(self, v: np.ndarray, kT, dt, seed, counter, field_values=None, out=None, update: int | None = None) -> np.ndarray:
@@ -125,12 +126,13 @@ class PairEngine(Engine):
             motion.see(v, self._inv_mass, self._prescribed, out)
         elif out is not v:
             out[...] = v
-        given = None
+        given = self._given if self._sources.all else None
         if self.spec.fields is not None:
-            given = self._given_by_sources(0.5 * dt)
             motion.clear_values(self.increments)
-            if given is not None:
-                self.increments += given
+        if given is not None:
+            motion.clear_values(given)
+            self._sources.add_to(given, self._x, self._box, moving=True)
+            motion.advance(self.increments, given, 0.5 * dt)
         call = Call(DISSIPATIVE | RANDOM, None, kT, dt, seed, counter, field_values, self.spec.update if update is None else update)
         if self.bodies is not None:
             self.bodies.look(self._x, out)
@@ -139,19 +141,8 @@ class PairEngine(Engine):
         if self.bodies is not None:
             self.bodies.write(out)
         if given is not None:
-            self.increments += given
+            motion.advance(self.increments, given, 0.5 * dt)
         return out
-
-    def _given_by_sources(self, time: float) -> np.ndarray | None:
-        """(N, K) what sources add to the fields of beads that move in a time, if there are any."""
-        fields = self.spec.fields
-        if fields is None or not fields.sources:
-            return None
-        given = np.zeros_like(self.increments)
-        for source in fields.sources:
-            source.add_to(given, self._x, self._box)
-        given[fields.immobile] = 0.0
-        return time * given
 
     def renew(self) -> None:
         self.number += 1  # what was computed before is not valid any more
@@ -197,7 +188,7 @@ class PairEngine(Engine):
         # pairs of many beads that somebody has had stored are not there in the next step; and one thread alone gains nothing with them, but
         # would have to keep a state
         unlike = any(pairs.many and (pairs.stored or pairs.threads == 1) for pairs in self.lists)
-        steady = self._covered and not unlike and (self.spec.fields is None or not self.spec.fields.sources)
+        steady = self._covered and not unlike and self._sources.steady
         return steady and all(getattr(each, "repeats", False) for each in [*self.layers, *self.extras])
 
     def tables(self, layer: int, heats: np.ndarray) -> dict[str, np.ndarray] | None:
@@ -216,6 +207,7 @@ class PairEngine(Engine):
     def seat(self, names: np.ndarray, places: np.ndarray) -> None:
         for each in (*self.lists, *self.extras, *([self.bodies] if self.bodies is not None else ())):
             each.seat(names, places)  # type: ignore[attr-defined]  # all that repeats can
+        self._sources.seat(names)
         if self._prescribed is not None:
             np.take(self.spec.inv_mass, names, out=self._inv_mass)
             np.take(self.spec.wall_velocity, names, axis=0, out=self._prescribed)  # type: ignore[arg-type]  # there is one

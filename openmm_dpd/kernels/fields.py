@@ -8,7 +8,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from .eos import EOSTable, in_range, inverse_temperature
-from .motion import counting
+from .motion import counting, over_beads
 
 #: Kinds of fields.
 ENERGY, TEMPERATURE, SPECIES = "energy", "temperature", "species"
@@ -66,6 +66,66 @@ class FieldSpec:
         eos = None if self.eos is None else self.eos.of(beads)
         capacity = None if self.capacity is None else self.capacity[beads]
         return FieldSpec(self.kind, self.initial[beads], self.immobile[beads], capacity, eos)
+
+
+@over_beads
+def _add_rows(begin, end, rates, x, box, rows, takes):
+    """Add the rates of sources in numbers (S, 12) to those (N, K) of beads at x (N, 3), where a bit of ``takes`` (N,) is set for each."""
+    for i in range(begin, end):
+        for k in range(len(rows)):
+            if not takes[i] >> k & 1:
+                continue
+            px, py, pz = x[i, 0] - rows[k, 0], x[i, 1] - rows[k, 1], x[i, 2] - rows[k, 2]
+            if len(box):  # as base/geometry.py folds
+                c = pz / box[2, 2]
+                turns = np.floor(c)
+                c, px, py, pz = c - turns, px - turns * box[2, 0], py - turns * box[2, 1], pz - turns * box[2, 2]
+                b = (py - c * box[2, 1]) / box[1, 1]
+                turns = np.floor(b)
+                b, px, py = b - turns, px - turns * box[1, 0], py - turns * box[1, 1]
+                px -= np.floor((px - (b * box[1, 0] + c * box[2, 0])) / box[0, 0]) * box[0, 0]
+            px, py, pz = px + rows[k, 0], py + rows[k, 1], pz + rows[k, 2]
+            if rows[k, 3] != 0.0:
+                dx, dy, dz = px - rows[k, 4], py - rows[k, 5], pz - rows[k, 6]
+                inside = dx * dx + dy * dy + dz * dz < rows[k, 8]
+            else:
+                inside = (px >= rows[k, 4]) & (px <= rows[k, 8]) & (py >= rows[k, 5]) & (py <= rows[k, 9])
+                inside &= (pz >= rows[k, 6]) & (pz <= rows[k, 10])
+            if inside:
+                rates[i, np.int64(rows[k, 11])] += rows[k, 7]
+
+
+#: A box of which there is none; most sources that are added in compiled code, one bit each.
+_OPEN, _MOST = np.zeros((0, 3)), 62
+
+
+class Sources:
+    """Adds up what sources give: by one pass over the beads if they are ``steady``, all in numbers (``row``), else one after the other."""
+
+    def __init__(self, fields: FieldSpec | None):
+        self._fields, self.all = fields, () if fields is None else fields.sources
+        self._rows = np.array([row for each in self.all if (row := getattr(each, "row", None)) is not None]).reshape(-1, 12)
+        self.steady = len(self._rows) == len(self.all) <= _MOST
+        if self.all and self.steady and fields is not None:
+            bits = [np.where(True if each.beads is None else each.beads, 1 << k, 0) for k, each in enumerate(self.all)]  # type: ignore[attr-defined]
+            taken = np.zeros(len(fields.initial), np.int64) + sum(bits)
+            self._given, self._takes = np.array([taken, np.where(fields.immobile, 0, taken)]).T.copy(), np.zeros((2, len(taken)), np.int64)
+            self.seat(np.arange(len(taken)))
+
+    def seat(self, names: np.ndarray) -> None:
+        """Take arrays of beads in another order from now on."""
+        if self.all and self.steady:
+            self._takes[...] = self._given[names].T
+
+    def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None, moving: bool = False) -> None:
+        """Add to rates (N, K) at positions x (N, 3), or those of ``moving`` beads alone, which begin with 0."""
+        if self.all and self.steady:
+            _add_rows(rates, x, _OPEN if box is None else box, self._rows, self._takes[int(moving)])
+        else:
+            for source in self.all:
+                source.add_to(rates, x, box)
+            if moving and self._fields is not None:
+                rates[self._fields.immobile] = 0.0
 
 
 #: Where nothing is to be added to fields.

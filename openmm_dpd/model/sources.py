@@ -146,6 +146,14 @@ class Source(OnFields):
         keep(self, rate=to_md(self.rate, "dimensionless", "the rate of a source"), corner=point(self.corner, "corner"))
         self._keep_beads()
 
+    @property
+    def row(self) -> list[float]:
+        """The source in numbers: its corner, whether its region is a sphere, the low corner or the centre of that, the rate, the high
+        corner or the square of the radius and two zeros, and the species."""
+        its = self.region
+        low, high = (its.low, its.high) if isinstance(its, Block) else (its.centre, [its.radius**2, 0.0, 0.0])
+        return [*self.corner, float(isinstance(its, Sphere)), *low, self.rate, *high, float(self.species)]
+
     def add_to(self, rates: np.ndarray, x: np.ndarray, box: np.ndarray | None) -> None:
         """Add the rate to ``rates`` (N, K), in place, for beads with positions x (N, 3) in the region."""
         inside = self.region.contains(folded(x - self.corner, box) + self.corner)

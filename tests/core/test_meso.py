@@ -18,6 +18,7 @@ from scenes import BOXES, MASSES, fluid, place, state_of, step_all, stepped
 import openmm_dpd as dpd
 from openmm_dpd.base.errors import ParameterError, PlanError
 from openmm_dpd.kernels.engine import PairEngine
+from openmm_dpd.kernels.fields import FieldSpec, Sources
 from openmm_dpd.simulation.fields import field_variables, raw_fields, read_fields, write_fields
 
 DT, SEED, N = 0.01, 11, 90
@@ -144,6 +145,28 @@ def test_sources_in_a_tilted_box_act_within_its_faces():
     inside = rng.random((300, 3)) @ box + corner
     source.add_to(rates, inside + rng.integers(-3, 4, (300, 3)) @ box, box)
     assert np.array_equal(rates[:, 0], source.region.contains(inside)) and 50 < rates.sum() < 250
+
+
+@pytest.mark.parametrize("box", [None, "ortho", "tilted"])
+def test_sources_in_one_pass_are_those_one_by_one(box):
+    """To the last bit, with faces exactly at beads; beads that do not move get nothing in a sweep, and seats change nothing."""
+    rng, box = np.random.default_rng(5), None if box is None else BOXES[box]
+    x, immobile, some = rng.integers(-20, 20, (400, 3)) / 2.0, rng.random(400) < 0.2, rng.random(400) < 0.6
+    sources = (
+        dpd.Source(dpd.Block((1.0, -9, 0.5), (4.0, 9, 3.5)), 0.7, species=1, beads=some, corner=CORNER),
+        dpd.Source(dpd.Block((-np.inf, 0, 0), (np.inf, 2, 9)), -0.3),
+        dpd.Source(dpd.Sphere((1.0, 1.5, 0.5), 2.5), 1.1, species=1, corner=(0.5, 0, 0)),
+    )
+    found, expected, seats = (np.zeros((2, 400, 2)), np.zeros((2, 400, 2)), rng.permutation(400))
+    its = Sources(FieldSpec("species", np.zeros((400, 2)), immobile, sources=sources))
+    for source in sources:
+        source.add_to(expected[0], x, box)
+    expected[1] = np.where(immobile[:, None], 0.0, expected[0])
+    its.seat(seats)
+    for moving in (False, True):
+        its.add_to(found[int(moving)], x[seats], box, moving)
+    assert its.steady and np.array_equal(found, expected[:, seats]) and 20 < np.count_nonzero(expected[0]) < 700
+    assert not Sources(FieldSpec("species", np.zeros((400, 2)), immobile, sources=(*sources, dpd.Buoyancy((0, 0, 1), 1.0)))).steady
 
 
 @pytest.mark.parametrize("how", ["State", "Checkpoint"])

@@ -38,6 +38,8 @@ PLAYED = {
     "energies",
     "tabulated energies",
     "energies between walls",
+    "edpd",
+    "tdpd",
     "mdpd",
     "mdpd lucy",
 }
@@ -122,8 +124,8 @@ def test_beads_in_another_order(kind, scheme, monkeypatch, counted, together):
 
 @in_turn("kind", [["edpd"], ["tdpd"], ["energies"], ["mdpd lucy"]], ["mvv", "middle", "O/2 B/2 A B/2 O/2", "B/2 O/2 B/2 A O/2"])
 def test_fields(kind, scheme, threads, monkeypatch, counted, together):
-    """On a ramp, without sources; forces of eDPD depend on temperatures, which sweeps change where positions stay."""
-    scene = replace(KINDS[kind](), sources=(), kT=dpd.TemperatureRamp(1.0, 1.5, 3, 60))
+    """On a ramp; forces of eDPD depend on temperatures, which sweeps change where positions stay."""
+    scene = replace(KINDS[kind](), kT=dpd.TemperatureRamp(1.0, 1.5, 3, 60))
 
     def reached() -> dict[str, np.ndarray]:
         simulation = running(built := dpd.build(scene, dt=0.005, scheme=scheme, seed=SEED, platform="CPU"))
@@ -204,7 +206,7 @@ def test_driven_walls(behind, scheme, threads, monkeypatch, counted, together):
 def test_steps_of_many_beads(kind, scheme, threads, monkeypatch, counted, together):
     """Whose pairs are listed where they are used; also where a measurement has had them stored, and where columns become full.  With one
     thread none of these is played: that would take more memory and no less time.  Pairs of densities are stored as ever, and those of
-    energies where updates sweep over them; no steps with sources are played."""
+    energies where updates sweep over them."""
     if scheme not in schemes_of(kind):
         pytest.skip("this kind does not run with this scheme")
     monkeypatch.setattr(pairs, "MANY", 0)
@@ -223,7 +225,7 @@ def test_steps_of_many_beads(kind, scheme, threads, monkeypatch, counted, togeth
     monkeypatch.setattr(PairList, "make_passing_room", _just_enough)
     *found, reached = measured()
     assert found == expected and not same(reached, state)
-    assert (counted[0] > 0) == (kind != "tdpd" and (threads == 2 or kind == "mdpd" or (kind, scheme) == ("energies", "middle")))
+    assert (counted[0] > 0) == (threads == 2 or kind == "mdpd" or (kind, scheme) == ("energies", "middle"))
 
 
 def _just_enough(self):

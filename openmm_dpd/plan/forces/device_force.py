@@ -24,7 +24,7 @@ from ...kernels.fields import FieldSpec
 from ...kernels.layer import PairSpec
 from ...kernels.solids import Solids
 from ...model.scene import Scene
-from ...model.sources import Block, Source, Sphere
+from ...model.sources import Source
 from ..made import of_fields, origin
 from ..program_options import ProgramOptions
 
@@ -79,9 +79,7 @@ def _carried(fields: FieldSpec) -> dict[str, Any]:
         found |= {"capacities": np.ones(len(fields.initial)), "states": _states(fields.eos)}
     rows, takes = [], np.zeros(len(fields.initial), np.int64)
     for k, source in enumerate(cast(Sequence[Source], fields.sources)):
-        region = source.region
-        low, high = (region.low, region.high) if isinstance(region, Block) else (region.centre, [region.radius**2, 0.0, 0.0])
-        rows.append([*source.corner, float(isinstance(region, Sphere)), *low, source.rate, *high, float(source.species)])
+        rows.append(source.row)
         takes |= np.where(True if source.beads is None else source.beads, 1 << k, 0)
     return found | ({"sources": np.clip(rows, -1e30, 1e30), "takes": takes} if rows else {})
 
