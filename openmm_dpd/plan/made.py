@@ -167,7 +167,7 @@ class Made:
         changed = np.flatnonzero(masses_of(system) != self.masses)
         if len(changed):
             what = f"the mass of particle {changed[0]} is not what it was when {maker} made the integrator"
-            raise PlanError(f"{what}; {self._remedy('give the scene its masses', 'change it')}")
+            raise PlanError(f"{what}; {self._remedy('give the scene its masses, and mobile= to hold beads', 'change it')}")
         return self._foreign(system)
 
     def check_box(self, box: np.ndarray) -> None:

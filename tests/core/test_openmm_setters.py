@@ -303,6 +303,14 @@ def test_groups_that_a_program_does_not_take_over_act_when_the_context_is_made_a
     same(runs)
 
 
+def test_a_mass_of_zero_is_refused_with_what_holds_beads():
+    """Scripts for OpenMM hold atoms so."""
+    run = Run("whole", ())
+    run.system.setParticleMass(1, 0.0)
+    run.context.reinitialize(preserveState=True)
+    raises(dpd.PlanError, "give the scene its masses, and mobile= to hold beads", lambda: run.step(1))
+
+
 @pytest.mark.parametrize("way", ["whole", "program"])
 def test_forces_and_groups_of_the_package_stay(way):
     for change, reason in (
