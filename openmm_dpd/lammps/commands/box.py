@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from .beads import subset
 from .joining import Placement, check_special
 from .moving import values_of_variable
 from .setup import COMMANDS, command
+
+#: Steps from a cell to itself and to those around it.
+_AROUND = np.array(list(product((-1, 0, 1), repeat=3)))
 
 
 @command("lattice", 0, None)
@@ -165,14 +168,13 @@ def _random_points(
     overlap = read.non_negative(options.get("overlap", ["0"])[0], "overlap") * float(scale[0])
     tries = read.integer(options["maxtry"][0], "maxtry", 1) if "maxtry" in options else 1000
     found: list[np.ndarray] = []
-    there = state.atoms.positions
+    placed = _Placed(state.atoms.positions, box, overlap) if overlap else None
     points = _drawn(ParkMiller(seed), min(wanted, 100_000), low, high, box, limit)
     for _ in range(wanted):
         for point, inside in islice(points, tries):
             beads = point if placement is None or not inside else placement(point)
-            if inside and (not overlap or _closest(there, beads, box) >= overlap):
+            if inside and (placed is None or placed.takes(beads.reshape(-1, 3))):
                 found.append(beads)
-                there = np.vstack([there, beads]) if overlap else there
                 break
     if len(found) < wanted:
         state.note(f"create_atoms random: only {len(found)} of {wanted} {'beads' if placement is None else 'molecules'} could be placed")
@@ -188,12 +190,32 @@ def _drawn(generator: ParkMiller, many: int, low: np.ndarray, high: np.ndarray, 
         yield from zip(points, inside.tolist(), strict=True)
 
 
-def _closest(points: np.ndarray, beads: np.ndarray, box: Box) -> float:
-    if not len(points):
-        return np.inf
-    gap = points[:, None] - beads.reshape(-1, 3)
-    gap -= np.round(gap @ np.linalg.inv(box.vectors)) @ box.vectors
-    return float(np.sqrt(np.min(np.sum(gap * gap, axis=-1))))
+class _Placed:
+    """Beads in cells of the box, none of which is closer to a later one than a distance."""
+
+    def __init__(self, points: np.ndarray, box: Box, apart: float):
+        self._vectors, self._inverse, self._apart = box.vectors, np.linalg.inv(box.vectors), apart
+        self._cells = np.clip(1.0 / (apart * np.linalg.norm(self._inverse, axis=0)), 1, 1000).astype(int)
+        self._inside: dict[tuple[int, ...], list[np.ndarray]] = {}
+        self._add(points)
+
+    def _add(self, points: np.ndarray) -> None:
+        for place, point in zip(self._places(points).tolist(), points, strict=True):
+            self._inside.setdefault(tuple(place), []).append(point)
+
+    def _places(self, points: np.ndarray) -> np.ndarray:
+        return np.floor(points @ self._inverse * self._cells).astype(int) % self._cells
+
+    def takes(self, beads: np.ndarray) -> bool:
+        """Whether no bead is too close to these (B, 3), which are then placed too."""
+        around = {tuple(place) for place in ((self._places(beads)[:, None] + _AROUND) % self._cells).reshape(-1, 3).tolist()}
+        if near := [point for place in around for point in self._inside.get(place, ())]:
+            gap = np.array(near)[:, None] - beads
+            gap -= np.round(gap @ self._inverse) @ self._vectors
+            if np.sqrt(np.min(np.sum(gap * gap, axis=-1))) < self._apart:
+                return False
+        self._add(beads)
+        return True
 
 
 def _overlapping(state: DeckState, words: list[str]) -> np.ndarray:
