@@ -13,15 +13,16 @@ number of threads changes a bit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..base.names import IMPULSES
 from ..runtime import Kernel, inlined
 from .elementary import sine
-from .motion import put_back
+from .motion import put_back, reflect_beads
 from .noise import normal, pair_key, told_key
 from .sweeps import EXACT, decay
 
@@ -229,6 +230,16 @@ def _reflect_driven(x, v, inv_mass, low, high, start, period, back, velocity, la
 
 
 reflect_driven = Kernel(_reflect_driven)
+
+
+def reflect(walls: tuple, driven: Any, m: Any, inv_mass: np.ndarray, velocities: Sequence[np.ndarray]) -> None:
+    """Reflect beads at walls, which may be ``driven``; of several velocities the last one puts the positions back."""
+    speeds = driven.velocities(m.time + 0.5 * m.dt) if isinstance(driven, Driven) else None
+    for k, v in enumerate(velocities):
+        if speeds is None:
+            reflect_beads(m.x, v, inv_mass, *walls, k == len(velocities) - 1)
+        else:
+            reflect_driven(m.x, v, inv_mass, *walls, speeds, k == len(velocities) - 1, np.zeros((3, 2, 3)), m.impulses)
 
 
 class ContinuumForce:

@@ -173,6 +173,14 @@ def move(begin, end, x, v, force, inv_mass, kick, time, limit):
     return _fast(v, begin, end, limit) if count else 0
 
 
+@counting_components
+def predict(begin, end, out, v, acc, time, limit):
+    """Write to ``out`` what velocities will be after a time; (3N,) each.  Returns how many beads are fast then, as :func:`move`."""
+    for c in range(np.uint64(begin), np.uint64(end)):
+        out[c] = v[c] + time * acc[c]
+    return _fast(out, begin, end, limit)
+
+
 @over_components
 def accelerate(begin, end, acc, v, force, inv_mass, kick):
     """Write force/mass to the accelerations, and add kick times that to v; (3N,) each, masses as in :func:`move`."""

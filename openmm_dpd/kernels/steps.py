@@ -14,7 +14,7 @@ from ..base.signals import CTRL_C
 from ..runtime import Tape, threads_for
 from . import bodies, motion
 from .columns import Totals
-from .driven import Driven, continuum_push, drag_by_walls, reflect_driven
+from .driven import continuum_push, drag_by_walls, reflect
 from .interface import Engine
 from .layer import CONSERVATIVE, DISSIPATIVE, LAPLACIAN, RANDOM
 from .moment import FASTEST, NO_GUIDE, LastStep, Looks, Masses, Moment, SlowForces, StepSpec, Watch, ramped_energy
@@ -51,6 +51,7 @@ class StepLoop:
         self.passed: np.ndarray | float = 0.0
         #: conservative forces of the last step of a run, where they are summed separately
         self._held = np.zeros((0, 3))
+        self._ahead = np.zeros((0, 3))  #: predicted velocities
         #: does steps with the beads in the order of their cells
         self._seats: Seats | None = None
 
@@ -144,7 +145,7 @@ class StepLoop:
         spec = self.spec
         plain = slow is None and m.guide is NO_GUIDE and m.box is not None
         plain = plain and (spec.driven is None or spec.driven.steady and not self._heats(m))
-        return plain and steps > 2 and spec.lam == 0.5 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
+        return plain and steps > 2 and (m.values is None or spec.field_lam == 0.5) and self.engine.repeats
 
     def _conditions(self, m: Moment) -> tuple:
         """What a recorded step depends on besides the arrays of the moment."""
@@ -276,14 +277,8 @@ class StepLoop:
             self.watch(v, self.masses.inverse, m)
 
     def _reflect(self, m: Moment, *velocities: np.ndarray) -> None:
-        walls, driven = self.spec.walls, self.spec.driven
-        if walls is not None and isinstance(driven, Driven):
-            speeds, taken = driven.velocities(m.time + 0.5 * m.dt), np.zeros((3, 2, 3))
-            for k, v in enumerate(velocities):
-                reflect_driven(m.x, v, self.masses.inverse, *walls, speeds, k == len(velocities) - 1, taken, m.impulses)  # type: ignore[misc]
-        elif walls is not None:
-            for k, v in enumerate(velocities):  # the last one puts the positions back
-                motion.reflect_beads(m.x, v, self.masses.inverse, *walls, k == len(velocities) - 1)
+        if self.spec.walls is not None:
+            reflect(self.spec.walls, self.spec.driven, m, self.masses.inverse, velocities)
 
     def _conserve(self, m: Moment) -> None:
         """Sum the conservative force at the positions of the moment, unless it is there."""
@@ -350,7 +345,8 @@ class StepLoop:
     def _predicting(self, m: Moment) -> None:
         lam, dt, guide = self.spec.lam, m.dt, m.guide
         guide.begin(m)
-        predicted = None if lam == 0.5 else self._predicted(m, lam)
+        limit = self._limit(m) if m.flow is None else np.inf
+        predicted, quick = (None, 0) if lam == 0.5 else self._predicted(m, lam, limit)
         m.unkicked = None
         seen = m.values
         if m.values is not None:
@@ -364,7 +360,6 @@ class StepLoop:
         if guide.limits:
             bodies.move_all(self.engine.bodies, self.spec.driven, m, *flat, 0.5 * dt, 0.0, np.inf)
             guide.limit(m)
-        limit = self._limit(m) if m.flow is None else np.inf
         fast = bodies.move_all(self.engine.bodies, self.spec.driven, m, *flat, 0.0 if guide.limits else 0.5 * dt, dt, limit)
         self._slide(m, 0.0, AFTER, *moving)
         self._reflect(m, *moving)
@@ -372,17 +367,22 @@ class StepLoop:
         self._warm(m)
         m.counter += 1
         v = m.v if predicted is None else predicted
-        self._look(m, v, fast if predicted is None else len(v))
+        self._look(m, v, fast if predicted is None else quick)
         self._accelerate(m, v, seen, 0.5 * dt)
         guide.limit(m)
         if m.values is not None:
             motion.advance(m.values, m.rates, 0.5 * dt)
         m.predicted = predicted
 
-    def _predicted(self, m: Moment, lam: float) -> np.ndarray:
-        """Predicted velocities v + lam dt a with all accelerations a; slow forces have kicked for half a step already."""
-        seen = m.v + lam * m.dt * m.acc  # type: ignore[operator]  # carry_out has seen to it
-        return seen + (2.0 * lam - 1.0) * (m.v - m.unkicked) if m.unkicked is not None and self.spec.foresees else seen
+    def _predicted(self, m: Moment, lam: float, limit: float) -> tuple[np.ndarray, int]:
+        """Predicted velocities v + lam dt a with all accelerations a, and how many beads are fast then; slow forces have kicked for half a
+        step already."""
+        seen = self._ahead = self._ahead if len(self._ahead) else np.empty_like(self.force)
+        quick = motion.predict(seen.ravel(), m.v.ravel(), m.acc.ravel(), lam * m.dt, limit)  # type: ignore[union-attr]  # see carry_out
+        if m.unkicked is None or not self.spec.foresees:
+            return seen, quick
+        seen += (2.0 * lam - 1.0) * (m.v - m.unkicked)
+        return seen, len(seen)
 
     def _accelerate(self, m: Moment, v: np.ndarray, values: np.ndarray | None, kick: float) -> None:
         """Compute acceleration and rates at the positions of the moment, with friction and noise, and kick for a time ``kick``."""

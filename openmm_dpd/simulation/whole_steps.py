@@ -202,7 +202,7 @@ class WholeSteps:
             assert moment.acc is not None
             held |= {"acc": moment.acc} | ({} if moment.rates is None else field_variables(moment.rates, shared.RATE))
             if moment.predicted is not None:
-                held["vp"] = moment.predicted
+                held["vp"] = moment.predicted.copy()
             x, v, box = moment.x, moment.v, moment.box
             if context.getPlatform().getName() not in DOUBLE_PLATFORMS:  # positions are rounded there, and beads wrapped
                 after = context.getState(positions=True, velocities=True)

@@ -122,6 +122,15 @@ def test_beads_in_another_order(kind, scheme, monkeypatch, counted, together):
     assert not same(run_of(made(kind, scheme), 3, STEPS - 3), expected) and counted[0] > 0
 
 
+@pytest.mark.parametrize("kind, threads", [("dpd", 1), ("immobile", 2), ("mixed walls", 1), ("moving walls", 2), ("tdpd", 2)])
+def test_another_weight_of_the_prediction(kind, threads, monkeypatch, counted, together):
+    def reached() -> dict[str, np.ndarray]:
+        built = dpd.build(KINDS[kind](), dt=0.01, scheme="mvv", lam=0.65, seed=SEED, platform="CPU")
+        return run_of(built, STEPS, 2, STEPS)
+
+    assert not same(*both_ways(monkeypatch, reached, threads)) and counted[0] > 0
+
+
 @in_turn("kind", [["edpd"], ["tdpd"], ["energies"], ["mdpd lucy"]], ["mvv", "middle", "O/2 B/2 A B/2 O/2", "B/2 O/2 B/2 A O/2"])
 def test_fields(kind, scheme, threads, monkeypatch, counted, together):
     """On a ramp; forces of eDPD depend on temperatures, which sweeps change where positions stay."""
