@@ -93,7 +93,7 @@ def differences(context: openmm.Context, plan: Plan) -> dict[str, tuple[float, f
         expected = engine.forces(DISSIPATIVE | RANDOM, between, *conditions)[1]
         # friction makes the more of an error in velocities the stronger it is
         told = [cast(Any, kind.device)(table) for kind, table in zip(plan.kinds, spec.terms, strict=True)]
-        along = (its["gamma"] + np.maximum(its["sigma"], 0.0) ** 2 / (2.0 * conditions[0]) for its in told)
+        along = (its["gamma"] + np.maximum(its["sigma"], 0.0) ** 2 / max(2.0 * conditions[0], 1e-200) for its in told)
         frictions = sum(float(np.maximum(one, its["gammaAcross"]).max()) for one, its in zip(along, told, strict=True))
         bound = UPDATE * (1 + conditions[1] * frictions * spec.inv_mass[mobile].max(initial=0.0))
         found["the pair update"] = (_relative(force[mobile], expected[mobile]), bound)
