@@ -147,9 +147,11 @@ class Source(OnFields):
         self._keep_beads()
 
     @property
-    def row(self) -> list[float]:
+    def row(self) -> list[float] | None:
         """The source in numbers: its corner, whether its region is a sphere, the low corner or the centre of that, the rate, the high
-        corner or the square of the radius and two zeros, and the species."""
+        corner or the square of the radius and two zeros, and the species; None if its class is another one, which may add what it likes."""
+        if type(self) is not Source:
+            return None
         its = self.region
         low, high = (its.low, its.high) if isinstance(its, Block) else (its.centre, [its.radius**2, 0.0, 0.0])
         return [*self.corner, float(isinstance(its, Sphere)), *low, self.rate, *high, float(self.species)]

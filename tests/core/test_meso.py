@@ -166,7 +166,9 @@ def test_sources_in_one_pass_are_those_one_by_one(box):
     for moving in (False, True):
         its.add_to(found[int(moving)], x[seats], box, moving)
     assert its.steady and np.array_equal(found, expected[:, seats]) and 20 < np.count_nonzero(expected[0]) < 700
-    assert not Sources(FieldSpec("species", np.zeros((400, 2)), immobile, sources=(*sources, dpd.Buoyancy((0, 0, 1), 1.0)))).steady
+    own = type("Own", (dpd.Source,), {})(sources[0].region, 1.0)  # which may have its own way to add
+    for other in (dpd.Buoyancy((0, 0, 1), 1.0), own):
+        assert not Sources(FieldSpec("species", np.zeros((400, 2)), immobile, sources=(*sources, other))).steady
 
 
 @pytest.mark.parametrize("how", ["State", "Checkpoint"])

@@ -79,7 +79,7 @@ def _carried(fields: FieldSpec) -> dict[str, Any]:
         found |= {"capacities": np.ones(len(fields.initial)), "states": _states(fields.eos)}
     rows, takes = [], np.zeros(len(fields.initial), np.int64)
     for k, source in enumerate(cast(Sequence[Source], fields.sources)):
-        rows.append(source.row)
+        rows.append(cast(list[float], source.row))
         takes |= np.where(True if source.beads is None else source.beads, 1 << k, 0)
     return found | ({"sources": np.clip(rows, -1e30, 1e30), "takes": takes} if rows else {})
 
