@@ -49,9 +49,7 @@ class StepLoop:
         #: in a shear: velocities relative to the flow, and the sum of :meth:`.interface.Engine.passed` over the last step
         self._relative = np.zeros((0 if self.spec.shear is None else n, 3))
         self.passed: np.ndarray | float = 0.0
-        #: conservative forces of the last step of a run, where they are summed separately
-        self._held = np.zeros((0, 3))
-        self._ahead = np.zeros((0, 3))  #: predicted velocities
+        self._spare: dict[str, np.ndarray] = {}
         #: does steps with the beads in the order of their cells
         self._seats: Seats | None = None
 
@@ -114,7 +112,7 @@ class StepLoop:
                         looks.take(moment, self.force, tape, number)
                     step(moment)
                     if looks is not None and self.spec.predicts:
-                        looks.take(moment, self._held, tape, number)
+                        looks.take(moment, self._room("conservative"), tape, number)
                 if repeats and tape.smooth:  # otherwise arrays have moved
                     if begun == self.valid.computed(moment):
                         tape.finish(counter, moment.counter - counter, moment.state, self.engine.tables)
@@ -297,7 +295,7 @@ class StepLoop:
         moment, totals = self.valid.moment, self.valid.totals
         if not self.spec.predicts or not self.valid.forced or moment is None:
             return None
-        return LastStep(moment, self.force, totals, None if totals.conservative is None else self._held)
+        return LastStep(moment, self.force, totals, None if totals.conservative is None else self._room("conservative"))
 
     def forget(self) -> None:
         """See :meth:`.moment.Stepper.forget`."""
@@ -377,20 +375,22 @@ class StepLoop:
     def _predicted(self, m: Moment, lam: float, limit: float) -> tuple[np.ndarray, int]:
         """Predicted velocities v + lam dt a with all accelerations a, and how many beads are fast then; slow forces have kicked for half a
         step already."""
-        seen = self._ahead = self._ahead if len(self._ahead) else np.empty_like(self.force)
+        seen = self._room("predicted")
         quick = motion.predict(seen.ravel(), m.v.ravel(), m.acc.ravel(), lam * m.dt, limit)  # type: ignore[union-attr]  # see carry_out
         if m.unkicked is None or not self.spec.foresees:
             return seen, quick
         seen += (2.0 * lam - 1.0) * (m.v - m.unkicked)
         return seen, len(seen)
 
+    def _room(self, name: str) -> np.ndarray:
+        """(N, 3) array: conservative forces of the last step of a run, where they are summed separately, or predicted velocities."""
+        return self._spare.setdefault(name, np.empty_like(self.force))
+
     def _accelerate(self, m: Moment, v: np.ndarray, values: np.ndarray | None, kick: float) -> None:
         """Compute acceleration and rates at the positions of the moment, with friction and noise, and kick for a time ``kick``."""
         self._place(m)
         more = (m.more | m.guide.more) & (-1 if self.engine.parts_forces else ~LAPLACIAN)
-        if more & LAPLACIAN and not len(self._held):
-            self._held = np.empty_like(self.force)
-        apart = {"held": self._held} if more & LAPLACIAN else {}
+        apart = {"held": self._room("conservative")} if more & LAPLACIAN else {}
         which = CONSERVATIVE | DISSIPATIVE | RANDOM | more
         self._sum(which, self._seen(m, v)[0], m.kT, m.dt, m.seed, m.counter, values, **apart)
         step = m.number + (kick > 0.0)
