@@ -5,7 +5,7 @@ from importlib import import_module
 
 from .base.garbage import nothing_collected
 
-with nothing_collected():  # a quarter of the time: there are many objects, and all of them stay
+with nothing_collected():  # a seventh of the time: there are many objects, and all of them stay
     from .advice.recommend import Choice as Choice, Recommendation as Recommendation, recommend as recommend
     from .base import stats as stats, units as units
     from .base.errors import (

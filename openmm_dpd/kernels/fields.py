@@ -15,7 +15,8 @@ ENERGY, TEMPERATURE, SPECIES = "energy", "temperature", "species"
 
 
 class FieldSource(Protocol):
-    """What changes the fields besides the pair terms, or pushes beads by them (:mod:`openmm_dpd.model.sources`)."""
+    """What changes the fields besides the pair terms, or pushes beads by them (:mod:`openmm_dpd.model.sources`).  Where all sources of a
+    scene have a ``row`` of numbers and a mask of ``beads``, as :class:`openmm_dpd.Source`, :meth:`add_to` is not called."""
 
     pushes: ClassVar[bool]  #: Whether it does the latter
 

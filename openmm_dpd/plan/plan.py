@@ -288,13 +288,14 @@ def make_plan(
     only = only or ("rigid bodies need whole steps of the pair kernel" if scene.bodies else None)
     only = only or (None if guide is None or not repulsive else f"{guide.what} need whole steps of the pair kernel")
     only = only or (f"{REACTING} need whole steps of the pair kernel" if scene.reactions and repulsive else None)
-    acts = thermostat or (repulsive and conservative != "openmm" and all(kind.device_repels for kind in kinds))
+    all_on_device = all(kind.device_repels for kind in kinds)
+    acts = thermostat or (repulsive and conservative != "openmm" and all_on_device)
     cut = conservative == "openmm" or bool(overlays) or scene.segments is not None
     held_by_kernel = repulsive and (only is not None or conservative == "kernel")
     engine_name, why_engine = chosen_engine(engine, platform, chosen, kinds, acts, scene, guide is not None, cut, held_by_kernel)
     on_device = engine_name == DEVICE.name
     slower = "" if double or on_device or not listed(platform, scene.box, reach) else "it takes less time on this platform"
-    slower = "the device leaves it to OpenMM" if on_device and not all(kind.device_repels for kind in kinds) else slower
+    slower = "the device leaves it to OpenMM" if on_device and not all_on_device else slower
     where, why_there = conservative_place(conservative, repulsive, thermostat or on_device, only, slower, chosen)
     carriers = [kind for kind in kinds if kind.fields is not None]
     fields = carriers[0].fields_of(scene) if carriers else None

@@ -254,7 +254,8 @@ class DeckSteps:
                 moment = Resolver(self.request.state, sample, self.thermo.window)
                 vars(moment).update(constant)
                 reader.take(moment)
-                constant.update({name: value for name, value in vars(moment).items() if name == "box"})
+                if "box" in vars(moment):
+                    constant["box"] = vars(moment)["box"]
 
         constant = dict[str, Any]()
         return stop if first < stop and self.sampler.within(step, first, every, stop, take) else None
